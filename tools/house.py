@@ -7,7 +7,8 @@
 
 The figures, and how they are counted:
 
-rooms        A tree's folders; the files beside them are one room. In a tree without folders each file is a room.
+rooms        A tree's folders; the files beside them are one room. In a tree without folders each file is a room. A file of an
+             optional feature is of the room that the page of the tree says.
 arrows       Pairs of rooms of a tree where one imports the other.
 floors       The number of rooms on the longest way along the arrows; a circle of imports is an error.
 functions    Functions and methods, also nested ones. Lines run from `def` to the last one. Complexity is McCabe's: 1, and 1
@@ -31,6 +32,7 @@ import argparse
 import ast
 import contextlib
 import io
+import re
 import subprocess
 import tarfile
 import tempfile
@@ -46,6 +48,7 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 TREES = (f"{PLUGINS}/module_utils", f"{PLUGINS}/plugin_utils", NODES)
 DOORS = ("plugin_utils", "action", "filter", "lookup")
 COLLECTION = "ansible_collections.rosfleet.multimaster."
+FEATURES = "_features"
 LINES, COMPLEXITY = 50, 15
 PLANS = ("plan", "fleet", "member")
 QUESTIONS = ("What", "Whether", "Whose")
@@ -83,12 +86,15 @@ def picture(root: Path, tree: str) -> Picture:
     """Read the imports of a tree."""
     folder = root / tree
     files = [path for path in sources(folder) if not (path.name == "__init__.py" and not _names(path))]
+    of_features = _feature_files(folder / "README.md")
     flat = all(path.parent == folder for path in files)
 
     def room(parts: tuple[str, ...]) -> str | None:
         """The room of a module, by its name below the tree; None: there is no such module."""
         if not parts:
             return None
+        if parts[0] == FEATURES:
+            return next((of_features[part] for part in parts[1:] if part in of_features), None)
         if (folder / parts[0]).is_dir():
             return parts[0]
         if (folder / f"{parts[0]}.py").exists():
@@ -104,6 +110,14 @@ def picture(root: Path, tree: str) -> Picture:
                 arrows.add((here, there))
     rooms = {room(path.relative_to(folder).with_suffix("").parts) for path in files}
     return Picture(frozenset(name for name in rooms if name), frozenset(arrows))
+
+
+def _feature_files(page: Path) -> dict[str, str]:
+    """Read the table of the files of optional features in the page of a tree: file -> the room that it belongs to."""
+    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    lines = text.partition("| file of a feature |")[2].partition("\n\n")[0].splitlines()[2:]
+    rows = [line.strip("|").split("|") for line in lines]
+    return {file: room.strip(" `") for files, room, _content in rows for file in re.findall(r"`(\w+)`", files)}
 
 
 def _names(path: Path) -> bool:

@@ -13,7 +13,8 @@ from ansible.module_utils.parsing.convert_bool import boolean
 
 from ..plugin_utils._base.plain import Mismatch, from_plain
 from ..plugin_utils._base.plain_text import LINE, plain, quote
-from ..plugin_utils._plan import tunnel
+from ..plugin_utils._features.tunnel import keys as tunnel
+from ..plugin_utils._features.tunnel.model import Tunnel
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._verify.observe.task_results import find_result
@@ -42,7 +43,7 @@ class ActionModule(FleetAction):
         except (Mismatch, OSError, UnicodeDecodeError, tunnel.WrongKeys) as problem:
             message = f"The keys of the tunnel ({quote(str(path), LINE)}): {problem}. No tunnel was changed."
             raise Refusal(plain(message, LINE)) from None
-        missing = sorted(name for name, plan in fleet.computers.items() if plan.tunnel and name not in keys)
+        missing = sorted(name for name, plan in fleet.computers.items() if Tunnel.find(plan) and name not in keys)
         warnings = [
             f"{plain(name)}: it has no key in {path} yet, so it is left out of the tunnel until site.yml has run there."
             for name in missing

@@ -14,6 +14,7 @@ from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 from ..plugin_utils._base.plain import to_plain
 from ..plugin_utils._inventory import read, roles, variables
 from ..plugin_utils._inventory.model import Inventory
+from ..plugin_utils._inventory.rows import PREFIX
 from ..plugin_utils._plan.plan import fleet_plan
 from ..plugin_utils._robot_io.refusal import FleetAction, refuse
 
@@ -73,7 +74,7 @@ def _host_names(group: Any) -> list[str]:
 def _variables_of(host: str, hostvars: Mapping[str, Any]) -> dict[str, Any]:
     values = {}
     for name in hostvars:
-        if name.startswith(variables.PREFIX) and name not in variables.RESERVED:
+        if name.startswith(PREFIX) and name not in variables.RESERVED:
             try:
                 values[str(name)] = hostvars[name]
             except AnsibleError as problem:

@@ -9,13 +9,14 @@ import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..plugin_utils._base.features import FEATURES
 from ..plugin_utils._plan.environment import SEEN, find_differences
 from ..plugin_utils._robot_io import trees
 from ..plugin_utils._robot_io.concerns import UnknownTag, choose_concerns
 from ..plugin_utils._robot_io.confirmation import GuardedAction, Result, seconds_of, wait_of
 
 # The concerns that can cut the controller off. If one of them waits for its confirmation, the others wait, too.
-GUARDED = ("sysctl", "routes", "firewall", "tunnel")
+GUARDED = ("sysctl", "routes", "firewall", *(feature.guarded for feature in FEATURES if feature.guarded))
 REST = 600.0  # seconds for the other concerns, which start services
 
 Args = Mapping[str, Any]

@@ -44,14 +44,14 @@ from typing import Any
 from ansible.errors import AnsibleFilterError
 
 from ..plugin_utils._base.plain import from_plain
-from ..plugin_utils._plan import clock
-from ..plugin_utils._plan.model import Clock
+from ..plugin_utils._features.clock.model import Clock
+from ..plugin_utils._features.clock.plan import render_clock
 
 
 def clock_files(plan: Mapping[str, Any]) -> list[dict[str, str]]:
     """Return the files; see DOCUMENTATION."""
     try:
-        return clock.render_clock(from_plain(Clock, plan) if plan else None)
+        return render_clock(from_plain(Clock, plan) if plan else None)
     except (TypeError, ValueError) as problem:
         raise AnsibleFilterError(f"The plan of the clock is wrong: {problem}.") from problem
 

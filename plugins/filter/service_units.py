@@ -131,7 +131,7 @@ def service_units(
             environment_digest=environment_digest,
             files={file["path"]: file["sha256"] for file in files},
             metrics_folder=metrics_folder,
-            tunnel_digest=tunnel_digest,
+            digests={"tunnel": tunnel_digest},
         )
     except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem

@@ -48,14 +48,14 @@ from typing import Any
 from ansible.errors import AnsibleFilterError
 
 from ..plugin_utils._base.plain import Mismatch, from_plain
-from ..plugin_utils._plan import tunnel
-from ..plugin_utils._plan.model import Tunnel
+from ..plugin_utils._features.tunnel.files import render_tunnel
+from ..plugin_utils._features.tunnel.model import Tunnel
 
 
 def tunnel_files(plan: Mapping[str, Any], keys: Mapping[str, str] | None = None) -> list[dict[str, str]]:
     """Return the files; see DOCUMENTATION."""
     try:
-        return tunnel.render_tunnel(from_plain(Tunnel, plan) if plan else None, keys or {})
+        return render_tunnel(from_plain(Tunnel, plan) if plan else None, keys or {})
     except Mismatch as problem:
         raise AnsibleFilterError(f"The plan of the tunnel is wrong: {problem}") from problem
 

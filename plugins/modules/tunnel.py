@@ -100,7 +100,7 @@ msg:
 """
 
 from ..module_utils._apply.transaction.module import run_module
-from ..module_utils._apply.tunnel.run import CONCERN
+from ..module_utils._features.tunnel.run import CONCERN
 
 
 def main() -> None:

@@ -61,7 +61,7 @@ msg:
 """
 
 from ..module_utils._apply.transaction.module import run_module
-from ..module_utils._apply.tunnel.key import CONCERN
+from ..module_utils._features.tunnel.key import CONCERN
 
 
 def main() -> None:

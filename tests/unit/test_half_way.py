@@ -24,9 +24,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transa
     lock,
     module,
 )
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import key
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.tunnel import run as tunnel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._features.tunnel import key
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._features.tunnel import run as tunnel
 
 from tests.unit.failing_calls import ERRORS, KILL, Fault, die
 

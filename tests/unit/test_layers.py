@@ -34,6 +34,13 @@ def read_tables(page):
     return tables
 
 
+def read_features(page):
+    """The table of the files of features in a page: file -> the room that it belongs to."""
+    lines = (ROOT / page).read_text(encoding="utf-8").partition("| file of a feature |")[2].partition("\n\n")[0]
+    rows = [line.strip("|").split("|") for line in lines.splitlines()[2:]]
+    return {file: room.strip(" `") for files, room, _content in rows for file in re.findall(r"`(\w+)`", files)}
+
+
 _robot, _apply, _probe = read_tables(f"{MODULE_UTILS}/README.md")
 _controller, _verify = read_tables(f"{PLUGIN_UTILS}/README.md")
 (_nodes,) = read_tables("roles/nodes/README.md")
@@ -46,6 +53,9 @@ ROOMS = {
     f"{PLUGIN_UTILS}/_verify": _verify,
     NODES: _nodes,
 }
+FEATURES = "_features"
+#: tree -> file of an optional feature -> its room
+FEATURE_FILES = {tree: read_features(f"{tree}/README.md") for tree in (MODULE_UTILS, PLUGIN_UTILS)}
 MOST_FILES = 15  # beside each other
 COLLECTION = "ansible_collections.rosfleet.multimaster."
 
@@ -93,8 +103,13 @@ def rooms_of(tree, path):
     folder = ROOT / tree
     prefix = "rosfleet_multimaster" if tree == NODES else COLLECTION + tree.replace("/", ".")
     own = path.relative_to(folder).parts
-    named = {name[len(prefix) + 1 :].split(".")[0] for name in imports(path) if name.startswith(prefix + ".")}
-    rooms = {
+    files = FEATURE_FILES.get(tree, {})
+    inside = [name[len(prefix) + 1 :].split(".") for name in imports(path) if name.startswith(prefix + ".")]
+    named = {name[0] for name in inside if name[0] != FEATURES}
+    featured = {part for name in inside if name[0] == FEATURES for part in name[1:] if part in files}
+    if own[0] == FEATURES:
+        own = (files.get(path.stem, path.stem), path.name)
+    rooms = {files[part] for part in featured} | {
         name if (folder / name).is_dir() else ""
         for name in named
         if (folder / name).is_dir() or (folder / f"{name}.py").exists()
@@ -109,7 +124,7 @@ IDS = [str(path.relative_to(ROOT)) for _tree, path in CASES]
 @pytest.mark.parametrize(("tree", "path"), CASES, ids=IDS)
 def test_a_room_imports_only_what_stands_below_it(tree, path):
     room, imported = rooms_of(tree, path)
-    if path.name == "__init__.py" and not room:
+    if path.name == "__init__.py" and room in ("", "__init__"):
         return
     assert room in ROOMS[tree], f"{room} is a folder that this table does not know"
     assert imported <= ROOMS[tree][room] | {room}
@@ -121,6 +136,22 @@ def test_no_arrow_goes_up(tree):
     for room, arrows in ROOMS[tree].items():  # the table is written from the ground up
         assert arrows - {room} <= set(below), f"{room} stands before what it imports"
         below[room] = arrows
+
+
+def test_no_feature_imports_another():
+    for tree in FEATURE_FILES:
+        for path in sources(f"{tree}/{FEATURES}"):
+            parts = path.relative_to(ROOT / tree / FEATURES).parts
+            begin = f"{COLLECTION}{tree.replace('/', '.')}.{FEATURES}."
+            named = {name[len(begin) :].split(".")[0] for name in imports(path) if name.startswith(begin)}
+            assert len(parts) == 1 or named <= {parts[0]}, (path, named)
+
+
+def test_the_core_of_the_controller_imports_no_feature():
+    begin = f"{COLLECTION}{PLUGIN_UTILS.replace('/', '.')}.{FEATURES}"
+    for path in sources(PLUGIN_UTILS):
+        if path.relative_to(ROOT / PLUGIN_UTILS).parts[0] != FEATURES:
+            assert not any(name.startswith(begin) for name in imports(path)), path
 
 
 #: where actions share what needs Ansible's classes
@@ -181,6 +212,9 @@ FOLDERS = sorted((f"{tree}/{room}" for tree in ROOMS for room in ROOMS[tree] if 
 @functools.cache
 def room_around(path):
     """The innermost room in which a file is; "" for what is above the trees."""
+    for tree, files in FEATURE_FILES.items():
+        if path.is_relative_to(ROOT / tree / FEATURES):
+            return f"{tree}/{files[path.stem]}" if path.stem in files else ""
     return next((room for room in FOLDERS if path.is_relative_to(ROOT / room)), "")
 
 

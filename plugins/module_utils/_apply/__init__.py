@@ -10,5 +10,4 @@ __all__ = (
     "routes",
     "sysctl",
     "transaction",
-    "tunnel",
 )

@@ -3,7 +3,6 @@
 """What is there."""
 
 __all__ = (
-    "clock",
     "filters",
     "fkie",
     "network",
@@ -13,6 +12,5 @@ __all__ = (
     "shells",
     "system",
     "systemd",
-    "time_sources",
     "unit_ends",
 )

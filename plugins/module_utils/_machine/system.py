@@ -62,17 +62,6 @@ def folders(wanted: typing.Iterable[str]) -> typing.List[str]:
     return [path for path in wanted if os.path.isdir(path)]
 
 
-def tunnel(root: str = "/") -> typing.Dict[str, bool]:
-    """Say whether the kernel has WireGuard, and whether there is a device for tunnels of programs (modules.dep(5))."""
-    modules = os.path.join(root, "lib/modules", os.uname().release)
-    known = (text(os.path.join(modules, name), 1 << 24) for name in ("modules.dep", "modules.builtin"))
-    loaded = os.path.isdir(os.path.join(root, "sys/module/wireguard"))
-    return {
-        "kernel": loaded or any("/wireguard.ko" in content for content in known),
-        "device": os.path.exists(os.path.join(root, "dev/net/tun")),
-    }
-
-
 def multicast_routing() -> typing.Dict[str, typing.Any]:
     """Find smcrouted, and the active units of other programs that pass multicast on."""
     places = (os.path.join(folder, "smcrouted") for folder in ("/usr/sbin", "/usr/local/sbin", "/sbin"))

@@ -7,13 +7,12 @@ import time
 import typing
 from itertools import chain
 
-from .._apply.tunnel import probe as tunnel
 from .._base.deadlines import call_all
 from .._base.module import validate_options
 from .._base.plain_text import LINE, quote
 from .._base.problem import Problem
 from .._contract.outcomes import Outcome
-from .._machine import time_sources
+from .._features.probes import PROBES
 from .measure import (
     changes,
     claims,
@@ -28,32 +27,15 @@ from .measure import (
     traffic,
 )
 from .options import Params
+from .part import Part
 from .ros_client import node_processes
 from .ros_client import ros as ros_commands
 from .ros_client.ros import Ros
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0
-PATIENCE = 8.0  # seconds for a time service that was just started
 
 Result = typing.Dict[str, typing.Any]
-
-
-class Part(typing.NamedTuple):
-    """A part of the result: its key, the function that looks, and the value where it cannot look."""
-
-    name: str
-    look: typing.Callable[..., typing.Any]
-    default: typing.Any
-    # Those of `look`: names of options, `params` for all of them, `ros`, and `deadline` (monotonic seconds).
-    arguments: typing.Tuple[str, ...] = ()
-    runs_commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
-    on_router: bool = False  # the router of the common network has it, too
-    # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
-    # is there, and a robot's other computers would only ask the same roscore.
-    final: bool = False
-    # It measures for some seconds, with the others of the fleet or alone, so all else goes on meanwhile.
-    shared: bool = False
 
 
 def present(params: Params) -> typing.Set[str]:
@@ -199,16 +181,7 @@ PARTS = (
         final=True,
     ),
     Part("parameters", parameters.parameters, parameters.NOTHING, ("ros", "parameters", "crossing"), final=True),
-    Part(
-        "clock",
-        lambda: dict(resources.clock(), **time_sources.time_sources(PATIENCE)),
-        {"synchronised": None, "answers": None, "service": "", "sources": []},
-    ),
-    Part(
-        "tunnel",
-        tunnel.look,
-        {"up": None, "public_key": "", "port": 0, "time_s": None, "mtu": 0, "peers": []},
-    ),
+    *PROBES,
     Part("changes", changes.changes, [], on_router=True),
     Part("disks", resources.disks, [], ("services",), on_router=True),
     Part("file_limits", resources.file_limits, []),

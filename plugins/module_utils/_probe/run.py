@@ -5,9 +5,9 @@
 
 import typing
 
-from .._apply.tunnel import probe as tunnel
 from .._base.module import validate_options
 from .._base.problem import Problem
+from .._features.probes import SETTLINGS
 from . import ghosts
 from .measure import network, talker
 from .options import Params
@@ -17,12 +17,13 @@ from .ros_client.ros import Ros
 
 def start_verification(params: Params, check_mode: bool) -> Result:
     """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
-    received = tunnel.count_received()
+    noted = [settling.note() for settling in SETTLINGS]
     # First: the listeners that start below are no part of the machine.
     machine = look_at_machine(params)
     multicast = None if check_mode else group(params, "start")
     result = {"msg": "Check mode: no talker was started."} if check_mode else talk(params, machine)
-    tunnel.wait_for_sessions(received)  # what is measured then goes through it
+    for settling, state in zip(SETTLINGS, noted):
+        settling.wait(state)  # what is measured then goes through it
     parts = {"multicast": multicast, "machine": machine}
     return dict(result, **{name: value for name, value in parts.items() if value is not None})
 

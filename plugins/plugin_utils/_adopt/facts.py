@@ -15,9 +15,11 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 from urllib.parse import urlsplit
 
+from .._base.features import load_hooks
 from .._base.plain_text import plain, quote
 from .._base.sentences import UnexpectedValue
 from .._inventory import kinds
+from .hooks import AdoptHooks
 
 Info = Mapping[str, Any]
 
@@ -93,7 +95,7 @@ class Machine:
     roscores: tuple[Roscore, ...] = ()
     masters: tuple[Uri, ...] = ()  # the masters that its files and shells name, the ones that count most first
     ours: bool = False  # the collection runs services there
-    time_sources: tuple[IPv4Address, ...] = ()  # that its clock follows
+    features: Mapping[str, Any] = field(default_factory=dict)  # what each optional feature has read
 
 
 def read_machine(name: str, info: Info) -> Machine:
@@ -114,7 +116,7 @@ def read_machine(name: str, info: Info) -> Machine:
             forwards=info["forwarding"]["ip_forward"] == 1,
             roscores=tuple(_roscore(entry) for entry in info["masters"][:MOST] if not entry["error"]),
             masters=tuple(_read_masters(info)),
-            time_sources=tuple(_time_sources(info)),
+            features={name: hooks.read(info) for name, hooks in load_hooks("adopt", AdoptHooks).items()},
             ours=any(str(record).startswith("services-") for record in info.get("owned") or ()),
         )
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
@@ -164,13 +166,6 @@ def _read_sources(routes: Sequence[Info]) -> dict[IPv4Network, IPv4Address]:
         if source and not entry["gateway"]:
             found.setdefault(IPv4Network(str(entry["destination"])), IPv4Address(source))
     return found
-
-
-def _time_sources(info: Info) -> Iterable[IPv4Address]:
-    for entry in ((info.get("clock") or {}).get("sources") or ())[:MOST]:
-        address = str(entry["address"])
-        if entry["selected"] and ":" not in address:
-            yield IPv4Address(address)
 
 
 def _roscore(entry: Info) -> Roscore:

@@ -7,41 +7,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Network
 
+from .._base.features import load_hooks
 from .._base.sentences import shorten_list
 from .._inventory import kinds
 from . import facts, groups, names
+from .hooks import AdoptHooks
 from .proposal import Choice, Choices, Computer, Proposal, Robot
+from .scene import Scene
 
 # Nodes that can be kept -> what people call them.
 MAKERS = {"fkie_mas": "fkie_mas", "upstream": "multimaster_fkie"}
 # What discovery nodes use where no parameter says another thing.
 GROUP, PORT, ROSCORE_PORT = "226.0.0.0", 11511, 11311
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """The scene that all functions here look at."""
-
-    machines: groups.Machines
-    found: groups.FleetGroups
-    names: Mapping[str, tuple[str, str]]
-
-    def machine(self, name: str) -> facts.Machine:
-        return self.machines.by_name[name]
-
-    def name(self, machine: str) -> str:
-        return self.names[machine][0]
-
-    def addresses(self, network: IPv4Network) -> Mapping[str, IPv4Address]:
-        return self.machines.networks[network]
-
-    @property
-    def common(self) -> Mapping[str, IPv4Address]:
-        """Machine -> its address in the common network."""
-        return self.addresses(self.found.common)
 
 
 def propose(machines: Iterable[facts.Machine], left_out: Mapping[str, str]) -> Proposal:
@@ -53,7 +33,7 @@ def propose(machines: Iterable[facts.Machine], left_out: Mapping[str, str]) -> P
     if found is None or not found.groups:
         why = "no roscore runs on any machine, and no ROS_MASTER_URI names one"
         return Proposal(left_out={**missing, **dict.fromkeys(kept, why)})
-    scene = _Scene(everything, found, names.name_computers(kept))
+    scene = Scene(everything, found, names.name_computers(kept))
     parts = [_robot(scene, group) for group in found.groups]
     outside = {name: why for _robot, of_robot in parts for name, why in of_robot.items()}
     unnamed = [robot for robot, _outside in parts if robot.computers]
@@ -90,7 +70,7 @@ def _drop_duplicates(machines: Iterable[facts.Machine]) -> tuple[dict[str, facts
 # A robot
 
 
-def _robot(scene: _Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
+def _robot(scene: Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
     """Return a robot without its name, and its machines that cannot be in it."""
     network = _network(scene, group)
     inside = network or scene.found.common
@@ -121,7 +101,7 @@ def _robot(scene: _Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
     return robot, outside
 
 
-def _network(scene: _Scene, group: groups.Group) -> IPv4Network | None:
+def _network(scene: Scene, group: groups.Group) -> IPv4Network | None:
     """Return the robot's own network: that of most of its machines which are not in the common network."""
     inner = [name for name in group.members if name not in scene.common]
     aside = scene.found.shared | scene.machines.duplicate_networks
@@ -130,7 +110,7 @@ def _network(scene: _Scene, group: groups.Group) -> IPv4Network | None:
     return max(counted, key=lambda network: (counted[network], -int(network.network_address)), default=None)
 
 
-def _network_notes(scene: _Scene, group: groups.Group, network: IPv4Network | None) -> list[str]:
+def _network_notes(scene: Scene, group: groups.Group, network: IPv4Network | None) -> list[str]:
     """Return the networks of a robot that the inventory has no place for."""
     others = [
         other
@@ -155,14 +135,14 @@ def _find_gaps(choices: Choices) -> list[str]:
     ]
 
 
-def _master(scene: _Scene, group: groups.Group, members: Sequence[str]) -> Choice:
+def _master(scene: Scene, group: groups.Group, members: Sequence[str]) -> Choice:
     why = "" if scene.machine(group.master).roscores else "guessed from ROS_MASTER_URI, since no roscore ran"
     if group.master in members:
         return Choice(scene.name(group.master), why)
     return Choice(scene.name([*members, group.master][0]), "guessed, since its roscore is elsewhere")
 
 
-def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dict[str, Choice]:
+def _gateway(scene: Scene, members: Sequence[str], network: IPv4Network) -> dict[str, Choice]:
     """Return the gateway of a network, its address in the common network, and which routes lead to it."""
     inner = [name for name in members if name not in scene.common]
     both = [name for name in members if name in scene.common]
@@ -185,7 +165,7 @@ def _gateway(scene: _Scene, members: Sequence[str], network: IPv4Network) -> dic
     return choices
 
 
-def _device(scene: _Scene, network: IPv4Network, hop: IPv4Address) -> dict[str, Choice]:
+def _device(scene: Scene, network: IPv4Network, hop: IPv4Address) -> dict[str, Choice]:
     """Return a gateway that is no computer."""
     choices = {
         "gateway": Choice(str(hop), "guessed: the next hop of its computers, and none of the machines that were read")
@@ -202,7 +182,7 @@ def _first(counted: Counter[IPv4Address]) -> IPv4Address | None:
     return max(counted, key=lambda one: (counted[one], -int(one)), default=None)
 
 
-def _gateway_doubt(scene: _Scene, best: str, both: Sequence[str], at: str | None) -> str:
+def _gateway_doubt(scene: Scene, best: str, both: Sequence[str], at: str | None) -> str:
     why = []
     if best != at:
         why.append(f"guessed, since it is in both networks, as {', '.join(map(scene.name, both))}")
@@ -214,7 +194,7 @@ def _gateway_doubt(scene: _Scene, best: str, both: Sequence[str], at: str | None
 # Its roscore and nodes
 
 
-def _roscore(scene: _Scene, group: groups.Group) -> tuple[facts.Roscore, str]:
+def _roscore(scene: Scene, group: groups.Group) -> tuple[facts.Roscore, str]:
     """Return the roscore of a robot, and why where its computer has several."""
     roscores = scene.machine(group.master).roscores
     named = Counter(uri.port for name in group.members for uri in scene.machine(name).masters[:1])
@@ -239,7 +219,7 @@ def _ports(roscore: facts.Roscore, doubt: str) -> dict[str, Choice]:
     return choices
 
 
-def _describe_services(scene: _Scene, group: groups.Group, roscore: facts.Roscore) -> list[str]:
+def _describe_services(scene: Scene, group: groups.Group, roscore: facts.Roscore) -> list[str]:
     """Return what runs there that site.yml would replace."""
     machine = scene.machine(group.master)
     if machine.ours or not machine.roscores:
@@ -268,7 +248,7 @@ def _describe_services(scene: _Scene, group: groups.Group, roscore: facts.Roscor
 # The fleet
 
 
-def _fleet(scene: _Scene, router: Choice | None) -> Choices:
+def _fleet(scene: Scene, router: Choice | None) -> Choices:
     choices = {"common_network": Choice(str(scene.found.common), scene.found.why)}
     if router:
         choices["router"] = router
@@ -279,12 +259,13 @@ def _fleet(scene: _Scene, router: Choice | None) -> Choices:
     uris = [roscore.uri for _name, roscore in roscores if roscore.uri]
     if uris and all(uri.is_address for uri in uris):
         choices["advertise"] = Choice("address")
-    choices.update(_clock(scene))
+    for hooks in load_hooks("adopt", AdoptHooks).values():
+        choices.update(hooks.choose(scene))
     choices.update(_transport(scene))
     return choices
 
 
-def _transport(scene: _Scene) -> Choices:
+def _transport(scene: Scene) -> Choices:
     """Return unicast where the common network is a tunnel that somebody has made, such as WireGuard, Tailscale or OpenVPN."""
     ends = {name: scene.machine(name).mute.get(address, "") for name, address in scene.common.items()}
     mute = [f"{device} of {scene.name(name)}" for name, device in sorted(ends.items()) if device]
@@ -295,18 +276,6 @@ def _transport(scene: _Scene) -> Choices:
             "unicast", f"no multicast passes {shorten_list(mute)}, as with the tunnel of a VPN, which stays as it is"
         )
     }
-
-
-def _clock(scene: _Scene) -> Choices:
-    """Return the machine of a robot that most others follow in time, if there is one."""
-    members = [name for group in scene.found.groups for name in sorted(group.members)]
-    followed = {name: [scene.machines.machine_at(one) for one in scene.machine(name).time_sources] for name in members}
-    counted = Counter(at for name, places in followed.items() for at in {*places} if at in members and at != name)
-    if not counted:
-        return {}
-    best = max(counted, key=lambda at: (counted[at], at or ""))
-    why = f"{counted[best]} of {len(members)} computers follow its time"
-    return {"clock": Choice(scene.name(best or ""), why)}
 
 
 def _choose_group(nodes: Sequence[tuple[str, facts.Discovery]]) -> Choices:
@@ -331,7 +300,7 @@ def _choose_majority(
     )
 
 
-def _fleet_notes(scene: _Scene) -> list[str]:
+def _fleet_notes(scene: Scene) -> list[str]:
     shared = sorted(scene.found.shared - {scene.found.common})
     torn = sorted(scene.machines.duplicate_networks)
     return [f"{network} connects several robots, too, and is left aside" for network in shared] + [
@@ -343,7 +312,7 @@ def _fleet_notes(scene: _Scene) -> list[str]:
 # Computers, and the router
 
 
-def _computer(scene: _Scene, machine: str, network: IPv4Network) -> Computer:
+def _computer(scene: Scene, machine: str, network: IPv4Network) -> Computer:
     name, why = scene.names[machine]
     found = scene.machine(machine)
     choices = {"address": Choice(str(scene.addresses(network)[machine]))}
@@ -353,7 +322,7 @@ def _computer(scene: _Scene, machine: str, network: IPv4Network) -> Computer:
     return Computer(name, machine, choices, (*([f"Named so, since {why}"] if why else []), *notes))
 
 
-def _is_alias(scene: _Scene, hostname: str, name: str) -> bool:
+def _is_alias(scene: Scene, hostname: str, name: str) -> bool:
     """Say if a host name is another name of one computer alone."""
     known = [entry.lower() for entry, _why in scene.names.values()]
     hostnames = [machine.hostname.lower() for machine in scene.machines.by_name.values()]
@@ -361,7 +330,7 @@ def _is_alias(scene: _Scene, hostname: str, name: str) -> bool:
     return kinds.is_host_name(host) and host != "localhost" and host not in known and hostnames.count(host) == 1
 
 
-def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Choice | None, dict[str, str]]:
+def _router(scene: Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Choice | None, dict[str, str]]:
     """Return the router of the common network as a host or as a device, and the machines that are neither."""
     members = [name for group in scene.found.groups for name in group.members]
     gateways = [name for name in members if name in scene.common]
@@ -384,7 +353,7 @@ def _router(scene: _Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Ch
     return router, None, {name: why for name, why in rest.items() if name != best}
 
 
-def _passes(scene: _Scene, name: str) -> bool:
+def _passes(scene: Scene, name: str) -> bool:
     """Say if a machine on the common network forwards packets, has no roscore, and is in no robot's network."""
     members = {member for group in scene.found.groups for member in group.members}
     own = {

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from .._inventory.model import Inventory
-from .._inventory.variables import PREFIX
+from .._inventory.rows import PREFIX
 
 Value = str | int | list[str]
 

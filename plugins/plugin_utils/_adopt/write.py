@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 
 from .._base.plain_text import LINE, plain
-from .._inventory.variables import PREFIX
+from .._inventory.rows import PREFIX
 from .proposal import Choices, Computer, Proposal
 
 WIDTH = 120

@@ -4,6 +4,7 @@
 
 __all__ = (
     "advice",
+    "features",
     "plain",
     "plain_text",
     "sentences",

@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
@@ -35,13 +35,19 @@ class Mismatch(ValueError):
     """Plain data does not fit its type; the text says where, what was found and what was expected."""
 
 
-def notation(key: str = "", words: tuple[tuple[Any, str], ...] = (), left_out: bool = False) -> dict[str, Any]:
+def notation(
+    key: str = "",
+    words: tuple[tuple[Any, str], ...] = (),
+    left_out: bool = False,
+    among: Callable[[], Mapping[str, type]] | None = None,
+) -> dict[str, Any]:
     """Metadata for a field of a dataclass.
 
     `key` is its key in plain data where that is no Python name, such as `from`. `words` are values with a text of their
-    own, such as (0.0.0.0/0, "default"). With `left_out` the key is missing while the field is None.
+    own, such as (0.0.0.0/0, "default"). With `left_out` the key is missing while the field is None. A field that is a mapping
+    has its keys among those of the other fields with `among`, which says what keys it may have, and the type of each.
     """
-    return {_NOTATION: (key, words, left_out)}
+    return {_NOTATION: (key, words, left_out, among)}
 
 
 class _Field(NamedTuple):
@@ -54,6 +60,7 @@ class _Field(NamedTuple):
     required: bool
     words: tuple[tuple[Any, str], ...]
     left_out: bool
+    among: Callable[[], Mapping[str, type]] | None
 
     @property
     def empty(self) -> Any:
@@ -65,12 +72,12 @@ class _Field(NamedTuple):
 def _fields(kind: Any) -> tuple[_Field, ...]:
     hints, fields = get_type_hints(kind), []
     for field in dataclasses.fields(kind):
-        key, words, left_out = field.metadata.get(_NOTATION, ("", (), False))
+        key, words, left_out, among = field.metadata.get(_NOTATION, ("", (), False, None))
         required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         hint, parts = hints[field.name], get_args(hints[field.name])
         optional = type(None) in parts
         inner = parts[0] if optional else hint
-        fields.append(_Field(field.name, key or field.name, inner, optional, required, words, left_out))
+        fields.append(_Field(field.name, key or field.name, inner, optional, required, words, left_out, among))
     return tuple(fields)
 
 
@@ -78,12 +85,14 @@ def to_plain(value: Any) -> Any:
     """Return a dataclass as a dictionary of plain data. The keys have the order of the fields."""
     if dataclasses.is_dataclass(value):
         kind: Any = type(value)
-        contents = ((field, getattr(value, field.name)) for field in _fields(kind))
-        return {
-            field.key: _write_field(field, content)
-            for field, content in contents
-            if not (field.left_out and content is None)
-        }
+        data: dict[str, Any] = {}
+        for field in _fields(kind):
+            content = getattr(value, field.name)
+            if field.among:
+                data.update(to_plain(content))
+            elif not (field.left_out and content is None):
+                data[field.key] = _write_field(field, content)
+        return data
     if isinstance(value, (list, tuple)):
         return [to_plain(each) for each in value]
     if isinstance(value, Mapping):
@@ -129,13 +138,21 @@ def _read(kind: Any, data: Any, path: str) -> Any:
         raise Mismatch(f"{path} is {data!r}; expected {_TEXTS.get(kind) or f'a word of {kind.__name__}'}.") from None
 
 
+def _read_among(kinds: Mapping[str, type], data: Mapping[str, Any], begin: str) -> dict[str, Any]:
+    """Return the values of those keys that are there, among the other keys of a record."""
+    given = {key: data[key] for key in kinds if data.get(key) not in (None, {}, "")}
+    return {key: _read(kinds[key], content, begin + key) for key, content in given.items()}
+
+
 def _read_record(kind: Any, data: Any, path: str) -> Any:
     if not isinstance(data, Mapping):
         raise Mismatch(f"{path or kind.__name__} is {data!r}; expected a mapping.")
     begin = f"{path}." if path else ""
     values: dict[str, Any] = {}
     for field in _fields(kind):
-        if field.key in data:
+        if field.among:
+            values[field.name] = _read_among(field.among(), data, begin)
+        elif field.key in data:
             content = data[field.key]
             if field.optional and (content is None or content == field.empty):
                 values[field.name] = None

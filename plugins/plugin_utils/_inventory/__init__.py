@@ -10,5 +10,6 @@ __all__ = (
     "model",
     "read",
     "roles",
+    "rows",
     "variables",
 )

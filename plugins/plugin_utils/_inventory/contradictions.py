@@ -12,7 +12,6 @@ import itertools
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from ipaddress import IPv4Address
 
 from .._base.sentences import nearest, shorten_list
 from .exports import (
@@ -60,112 +59,6 @@ def find_excluded_strangers(shared: FleetVariables) -> list[str]:
         "one of the two: name who else belongs to the fleet in multimaster_allow and set multimaster_strangers to 'ignore', or set "
         "multimaster_firewall to 'none', in group_vars/robots.yml."
     ]
-
-
-def find_wrong_clock(fleet: Fleet) -> list[str]:
-    """Return a sentence if the source of the fleet's time is nobody, or a computer where nobody logs in."""
-    wanted, source = fleet.variables.clock, fleet.clock
-    if source is not None and source.sealed:
-        found = f"{source.name} is sealed, so nobody logs in there to see to its clock"
-    elif wanted and source is None:
-        known = [*(robot.name for robot in fleet.robots), *(computer.name for computer in fleet.computers)]
-        found = f"there is no such computer and no such robot{nearest(wanted, known)}"
-    else:
-        return []
-    return [
-        f"multimaster_clock is '{wanted}', but {found}; expected a computer of a robot, or a robot: correct it in group_vars/robots.yml."
-    ]
-
-
-def find_wrong_tunnel(fleet: Fleet) -> list[str]:
-    """Return a sentence for each thing that a tunnel cannot be together with."""
-    given = fleet.variables
-    if given.tunnel == "none":
-        return []
-    where = "in group_vars/robots.yml"
-    wrong = [
-        (
-            given.transport != "unicast",
-            f"multimaster_transport is '{given.transport}'; expected 'unicast', since a tunnel carries no multicast: set it {where}",
-        ),
-        (
-            given.multicast_routing != "none",
-            f"multimaster_multicast_routing is 'smcroute'; expected 'none', since a tunnel carries no multicast: remove it {where}",
-        ),
-        (
-            given.firewall != "fleet",
-            f"multimaster_firewall is 'none'; expected 'fleet', since the ports of ROS would be open beside the tunnel: set it {where}",
-        ),
-        (
-            fleet.router is not None,
-            "the common network has a router; expected none, since each computer reaches the others by the tunnel itself: remove "
-            "multimaster_router or the group 'routers'",
-        ),
-        *_find_wrong_places(fleet),
-    ]
-    return [f"multimaster_tunnel is '{given.tunnel}', but {sentence}." for is_so, sentence in wrong if is_so]
-
-
-def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
-    """Yield what is wrong with the computers in a tunnel: whether it is so, and the sentence."""
-    given, network = fleet.variables, fleet.variables.common_network
-    inside = [computer for computer in fleet.computers if computer.common_address]
-    ends = {computer.name: computer.variables.endpoint for computer in inside}
-    yield from _find_unreachable(ends, given.tunnel_hub)
-    within = [name for name, end in ends.items() if end and end in network]
-    yield (
-        bool(within),
-        f"multimaster_endpoint of {shorten_list(within)} is in the tunnel itself ({network}); expected the address in the network that carries "
-        "the tunnel",
-    )
-    yield from _find_wrong_endpoints(fleet, {name: end for name, end in ends.items() if end})
-    yield (
-        given.tunnel_port == given.multicast_port,
-        f"multimaster_tunnel_port is {given.tunnel_port}, the port of discovery; expected another one, such as 51820",
-    )
-    sealed = [computer.name for computer in inside if computer.sealed]
-    yield (
-        bool(sealed),
-        f"{shorten_list(sealed)} in the common network is sealed; expected computers where one may log in, since each makes its own key",
-    )
-    devices = [robot.name for robot in fleet.robots if robot.gateway and not robot.gateway.name]
-    yield (
-        bool(devices),
-        f"the gateway of {shorten_list(devices)} is no computer of the inventory; expected one that has a key",
-    )
-
-
-def _find_wrong_endpoints(fleet: Fleet, ends: Mapping[str, IPv4Address]) -> Iterator[tuple[bool, str]]:
-    """Yield what is wrong with addresses at which computers are reached from outside."""
-    twice = sorted(end for end in set(ends.values()) if list(ends.values()).count(end) > 1)
-    yield (
-        bool(twice),
-        f"multimaster_endpoint is {shorten_list(map(str, twice))} on {shorten_list(name for name, end in ends.items() if end in twice)}; expected "
-        "an address for each computer, since all tunnels have one port",
-    )
-    within = [
-        name for name, end in ends.items() if any(end in robot.network for robot in fleet.robots if robot.gateway)
-    ]
-    yield (
-        bool(within),
-        f"multimaster_endpoint of {shorten_list(within)} is in the own network of a robot, which is reached by the tunnel; expected the address "
-        "in the network that carries the tunnel",
-    )
-
-
-def _find_unreachable(ends: Mapping[str, IPv4Address | None], hub: str | None) -> Iterator[tuple[bool, str]]:
-    """Yield what is wrong with the endpoints of the computers in a tunnel, and with its hub."""
-    silent = [name for name, end in ends.items() if end is None]
-    yield (
-        len(silent) > 1 and not hub,
-        f"{shorten_list(silent)} have no multimaster_endpoint; expected it of all computers in the common network but one, since of two one must "
-        "know where the other is: add it, or name a computer that all reach in multimaster_tunnel_hub",
-    )
-    yield (
-        bool(hub) and ends.get(hub or "") is None,
-        f"multimaster_tunnel_hub is '{hub}'; expected a computer in the common network with a multimaster_endpoint, at which all others reach it"
-        f"{nearest(hub or '', [name for name, end in ends.items() if end])}",
-    )
 
 
 def find_wrong_border_ports(fleet: Fleet) -> Iterator[str]:

@@ -181,12 +181,20 @@ class Robot:
 
 
 @dataclass(frozen=True)
+class Overlay:
+    """A network that programs on the computers make. It carries no multicast, and leads to each computer and the network behind it."""
+
+    hub: Computer | None = None  # it passes packets on between others
+
+
+@dataclass(frozen=True)
 class Fleet:
     """All robots and what they share."""
 
     robots: tuple[Robot, ...]
     router: Router | None
     variables: FleetVariables
+    overlay: Overlay | None = None  # the common network, where an optional feature makes it
 
     @property
     def computers(self) -> tuple[Computer, ...]:
@@ -200,17 +208,10 @@ class Fleet:
         return {computer.name: computer.address for computer in computers if computer.address}
 
     @cached_property
-    def clock(self) -> Computer | None:
-        """The source of the fleet's time. None without one, and for a name that no computer or robot has."""
-        names = {computer.name: computer for computer in self.computers}
+    def named(self) -> Mapping[str, Computer]:
+        """Its computers by their names. The name of a robot means the computer of its master."""
         masters = {robot.name: robot.master for robot in self.robots}
-        return {**masters, **names}.get(self.variables.clock or "")
-
-    @cached_property
-    def hub(self) -> Computer | None:
-        """The computer through which the tunnel reaches those without an endpoint. None without one, and for a name that no computer has."""
-        name = self.variables.tunnel_hub if self.variables.tunnel != "none" else None
-        return next((computer for computer in self.computers if computer.name == name), None)
+        return {**masters, **{computer.name: computer for computer in self.computers}}
 
     @cached_property
     def flows(self) -> tuple[Flow, ...]:

@@ -12,8 +12,9 @@ from collections.abc import Container, Iterator, Mapping
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
+from .._base.features import load_hooks
+from .hooks import InventoryHooks
 from .model import Fleet, Inventory, Robot, Router
-from .variables import FleetVariables
 
 # The variables of a robot's own network, and the value that each is expected to have.
 _EXAMPLES = {
@@ -115,8 +116,9 @@ def _check_overlaps(fleet: Fleet) -> Iterator[str]:
     named = [(robot.variables.network, f"multimaster_network of the robot {robot.name}") for robot in fleet.robots]
     named += [
         (shared.common_network, "multimaster_common_network"),
-        (shared.tunnel_network, "multimaster_tunnel_network"),
     ]
+    for hooks in load_hooks("inventory", InventoryHooks).values():
+        named += hooks.list_networks(shared)
     names = [(network, name) for network, name in named if network]
     names.sort(key=lambda entry: (entry[0].network_address, entry[0].prefixlen))
     if not names:
@@ -155,20 +157,3 @@ def _check_uniqueness(fleet: Fleet) -> Iterator[str]:
                 f"{host}: multimaster_common_address is {address}, which is its multimaster_address too; expected its address in the "
                 "common network here, and the one in the robot's network there: correct one of the two."
             )
-
-
-def find_wrong_tunnel_network(shared: FleetVariables) -> Iterator[str]:
-    """Yield a sentence for a network of the tunnel that cannot be one."""
-    network, common = shared.tunnel_network, shared.common_network
-    if network is None:
-        return
-    if shared.tunnel == "none":
-        yield (
-            f"multimaster_tunnel_network is '{network}', but multimaster_tunnel is 'none'; expected 'wireguard': set it in group_vars/robots.yml, "
-            "or remove multimaster_tunnel_network."
-        )
-    if common and common.prefixlen != network.prefixlen:
-        yield (
-            f"multimaster_tunnel_network is '{network}', and multimaster_common_network is '{common}'; expected a prefix length of "
-            f"{common.prefixlen} for both, since each computer has the same place in both: correct it in group_vars/robots.yml."
-        )

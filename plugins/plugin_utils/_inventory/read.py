@@ -16,8 +16,10 @@ from dataclasses import replace
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
+from .._base.features import load_hooks
 from .._base.sentences import UnexpectedValue, nearest, shorten_list
 from . import contradictions, heartbeats, kinds, networks, variables
+from .hooks import InventoryHooks
 from .model import Computer, Fleet, Inventory, Robot, Router, Values
 
 
@@ -39,6 +41,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
             ]
         )
     problems: list[str] = []
+    features = load_hooks("inventory", InventoryHooks).values()
     inventory = _open_collections(inventory, problems)
     fleet = _read_values(inventory, problems)
     for robot in fleet.robots:
@@ -47,15 +50,16 @@ def read_fleet(inventory: Inventory) -> Fleet:
         *_find_ambiguous_names(fleet),
         *networks.find_network_problems(fleet, inventory),
         *contradictions.find_contradictions(fleet, inventory),
-        *networks.find_wrong_tunnel_network(fleet.variables),
         *heartbeats.find_slow_heartbeats(fleet.variables.heartbeat_hz, fleet.variables.offline_after),
     ]
+    problems += [sentence for hooks in features for sentence in hooks.find_wrong_variables(fleet.variables)]
     if not problems:
-        fleet = _move_into_tunnel(heartbeats.fill_offline_after(fleet), inventory)
+        for hooks in features:
+            fleet = hooks.change_fleet(fleet, inventory)
+        fleet = heartbeats.fill_offline_after(fleet)
         problems = [
             *heartbeats.find_unreachable_masters(fleet),
-            *contradictions.find_wrong_clock(fleet),
-            *contradictions.find_wrong_tunnel(fleet),
+            *(sentence for hooks in features for sentence in hooks.find_contradictions(fleet)),
             *contradictions.find_wrong_frames(fleet),
             *contradictions.find_wrong_border_ports(fleet),
         ]
@@ -109,11 +113,11 @@ def _read_values(inventory: Inventory, problems: list[str]) -> Fleet:
     for name, members in inventory.robots.items():
         own = variables.make(variables.RobotVariables, _take_common_values(name, members, hosts, problems))
         own = replace(own, rpc_port=own.rpc_port or (own.roscore_port or 0) + 300)
-        robots.append(_make_robot(name, {host: computers[host] for host in members}, own, shared.common_network))
+        robots.append(make_robot(name, {host: computers[host] for host in members}, own, shared.common_network))
     return Fleet(tuple(robots), _read_router(inventory, shared.router, problems), shared)
 
 
-def _make_robot(
+def make_robot(
     name: str,
     hosts: Mapping[str, variables.ComputerVariables],
     own: variables.RobotVariables,
@@ -330,33 +334,3 @@ def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
     return [
         text if names[0] not in hosts else f"{shorten_list(names)}: {text}" for text, names in hosts_by_text.items()
     ]
-
-
-# The addresses of a tunnel, computed from those of the network that carries it. A computer has the same place in both: 192.168.1.229
-# is 10.77.0.229 in the tunnel. So its address stays when others come and go.
-
-
-def _move_into_tunnel(fleet: Fleet, inventory: Inventory) -> Fleet:
-    """Return the fleet with the tunnel as its common network.
-
-    An address in the network that carries the tunnel becomes the endpoint, unless `multimaster_endpoint` is set, also to `none`.
-    """
-    network, common = fleet.variables.tunnel_network, fleet.variables.common_network
-    if network is None:
-        return fleet
-
-    def move(address: IPv4Address) -> IPv4Address:
-        """Return the same place in the other network, if an address is in the first."""
-        return network[int(address) - int(common.network_address)] if address in common else address
-
-    robots = []
-    for robot in fleet.robots:
-        hosts = {}
-        for computer in robot.computers[: len(robot.hosts)]:
-            values, is_given = computer.variables, inventory.is_set(computer.name, "endpoint")
-            endpoint = values.endpoint if is_given else computer.common_address
-            hosts[computer.name] = replace(values, address=move(values.address), endpoint=endpoint)
-        own = robot.variables
-        own = replace(own, common_address=own.common_address and move(own.common_address))
-        robots.append(_make_robot(robot.name, hosts, own, network))
-    return replace(fleet, robots=tuple(robots), variables=replace(fleet.variables, common_network=network))

@@ -4,49 +4,25 @@
 """The variables of the fleet: place, kind and default of each. What each is for stands in docs/operate/variables.md alone.
 
 A variable is a field of one of three classes. The class says where it is set. Its name is `multimaster_` and the name of
-the field. To add one, add a field. Reading and the checks for agreement follow.
+the field. To add one, add a field. Reading and the checks for agreement follow. Those of an optional feature are in its folder.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, TypeVar
 
+from .._base.features import Part, load_hooks
 from . import kinds
 from .exports import Export, read_exports, read_frames
+from .rows import Variable, VariableHooks, list_rows, make_rows, row, word
 
 T = TypeVar("T")
 
-PREFIX = "multimaster_"
 # Set by the preflight role for the other roles; not for an inventory.
 RESERVED = ("multimaster_fleet", "multimaster_info", "multimaster_plan")
-
-
-@dataclass(frozen=True)
-class Variable:
-    """One variable of the fleet."""
-
-    name: str
-    read: Callable[[Any], Any]
-    default: Any  # None: computed, required or not set
-    example: str  # of a variable that is required, for the sentence that asks for it
-
-
-_FIELD = partial(field)  # pylint takes a plain call beside a dataclass for a mistake
-
-
-def row(read: Callable[[Any], Any], default: Any = None, example: str = "") -> Any:
-    """Return the field of a variable. `default` is a value as an inventory would have it. With an example it is required."""
-    return _FIELD(metadata={"row": (read, default, example)})
-
-
-def word(*choices: str) -> Any:
-    """Return the field of a variable that is one of some words. The first is the default."""
-    return row(kinds.choice(*choices), choices[0])
 
 
 @dataclass(frozen=True)
@@ -59,7 +35,7 @@ class ComputerVariables:
     firewall_ports: tuple[str, ...] = row(kinds.ports, [])
     ros_setup: str = row(kinds.setup, "auto")
     shells: str = word("all", "names", "none")
-    endpoint: IPv4Address | None = row(kinds.endpoint)
+    features: Mapping[str, Part] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -78,13 +54,9 @@ class FleetVariables:
     strangers: str = word("ignore", "allow")
     allow: tuple[IPv4Network, ...] = row(kinds.sources, [])
     diagnostics: str = word("local", "exchanged", "none")
-    clock: str | None = row(kinds.text)  # compared with the computers and robots: that sentence names them
-    tunnel: str = word("none", "wireguard")
-    tunnel_network: IPv4Network | None = row(kinds.network)
-    tunnel_port: int = row(kinds.number(int, 1024, 65535), 51820)
-    tunnel_hub: str | None = row(kinds.text)  # compared with the computers: that sentence names them
     heartbeat_hz: float = row(kinds.number(float, 0.02, 25.5), 1.0)
     offline_after: float = row(kinds.number(float, 3, 3600))
+    features: Mapping[str, Part] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -109,9 +81,18 @@ class RobotVariables:
     metrics_folder: str = row(kinds.folder, "/var/lib/prometheus/node-exporter")
 
 
+_HOOKS = load_hooks("variables", VariableHooks)
+#: class -> feature -> what that feature adds to it
+_OF_FEATURES: Mapping[type, Mapping[str, type[Part]]] = {
+    FleetVariables: {name: hooks.of_fleet for name, hooks in _HOOKS.items() if hooks.of_fleet},
+    ComputerVariables: {name: hooks.of_computer for name, hooks in _HOOKS.items() if hooks.of_computer},
+}
+
+
 def rows(kind: type) -> tuple[Variable, ...]:
-    """Return the variables of one of the classes above."""
-    return tuple(Variable(PREFIX + entry.name, *entry.metadata["row"]) for entry in dataclasses.fields(kind))
+    """Return the variables of one of the classes above, with those of the features."""
+    of_features = (entry for part in _OF_FEATURES.get(kind, {}).values() for entry in list_rows(part))
+    return (*list_rows(kind), *of_features)
 
 
 OF_COMPUTER, OF_FLEET, OF_ROBOT = map(rows, (ComputerVariables, FleetVariables, RobotVariables))
@@ -122,4 +103,7 @@ BY_NAME = {row.name: row for row in VARIABLES}
 
 def make(kind: type[T], values: Mapping[str, Any]) -> T:
     """Make one of the classes above of values by the names of their variables. One without a value is None."""
-    return kind(**{entry.name: values.get(PREFIX + entry.name) for entry in dataclasses.fields(kind)})  # type: ignore[arg-type]  # a dataclass
+    if kind not in _OF_FEATURES:
+        return make_rows(kind, values)
+    features = {name: make_rows(part, values) for name, part in _OF_FEATURES[kind].items()}
+    return make_rows(kind, values, features=features)

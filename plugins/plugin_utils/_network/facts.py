@@ -15,7 +15,6 @@ from typing import Any
 
 from .._base.plain import from_plain
 from .._base.plain_text import quote
-from .._plan import tunnel
 from .._plan.model import ComputerPlan, FleetPlan
 from . import plan_world
 from .model import ACCEPT, FORWARD, IN, LOOSE, NAT, OUT, Interface, Link, Machine, Route, Rule, World, kernel_routes
@@ -148,20 +147,21 @@ def merge_links(fleet: FleetPlan, world: World) -> World:
 # What site.yml does
 
 
-def _add_tunnel(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
-    """Add the interface of the tunnel, where it is not there yet."""
-    own = plan.tunnel
-    if own is None or any(one.name == tunnel.INTERFACE for one in machine.interfaces):
-        return machine
-    address = IPv4Interface(f"{own.address}/{own.network.prefixlen}")
-    link = fleet.network_names.get(own.network, "")
-    interface = Interface(name=tunnel.INTERFACE, addresses=(address,), link=link, mtu=tunnel.MTU, up=True)
-    routes = (*machine.routes, *kernel_routes(interface))
-    return replace(machine, interfaces=(*machine.interfaces, interface), routes=routes)
+def _add_interfaces(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
+    """Add the interfaces that optional features make, where they are not there yet."""
+    for planned in plan.interfaces_to_come:
+        if any(one.name == planned.name for one in machine.interfaces):
+            continue
+        address = IPv4Interface(f"{planned.address}/{planned.network.prefixlen}")
+        link = fleet.network_names.get(planned.network, "")
+        interface = Interface(name=planned.name, addresses=(address,), link=link, mtu=planned.mtu, up=True)
+        routes = (*machine.routes, *kernel_routes(interface))
+        machine = replace(machine, interfaces=(*machine.interfaces, interface), routes=routes)
+    return machine
 
 
 def _apply(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
-    machine = _add_tunnel(fleet, plan, machine)
+    machine = _add_interfaces(fleet, plan, machine)
     interfaces = machine.interfaces
     if plan.forwards:
         interfaces = tuple(replace(one, forwarding=True, rp_filter=LOOSE) for one in interfaces)

@@ -57,10 +57,8 @@ def list_routes(plan: ComputerPlan, interfaces: Sequence[Interface]) -> tuple[Ro
     """List the routes of a computer's plan, and the routes that it expects from others."""
     wanted = {route.destination: route.gateway for route in plan.routes}
     wanted |= {route.destination: route.gateways[0] for route in plan.routes_expected}
-    if plan.tunnel:  # it takes packets to the peer that has their address: the computer itself, a gateway, or the hub
-        wanted |= {
-            network: peer.networks[0].network_address for peer in plan.tunnel.peers for network in peer.networks[1:]
-        }
+    for part in plan.features.values():
+        wanted |= part.list_ways()
     devices = ((destination, gateway, _device(interfaces, gateway)) for destination, gateway in wanted.items())
     return tuple(Route(destination, gateway, device) for destination, gateway, device in devices if device)
 

@@ -3,7 +3,6 @@
 """Model to what each computer needs."""
 
 __all__ = (
-    "clock",
     "dialects",
     "environment",
     "model",
@@ -12,6 +11,5 @@ __all__ = (
     "preflight",
     "quotes",
     "router_config",
-    "tunnel",
     "units",
 )

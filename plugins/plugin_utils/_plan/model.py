@@ -13,8 +13,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
-from typing import Any
+from typing import Any, ClassVar
 
+from .._base.features import Part, load_hooks
 from .._base.plain import notation
 from .._inventory.model import Gateway, Router
 
@@ -124,6 +125,53 @@ class Listener:
 
 
 @dataclass(frozen=True)
+class PlannedInterface:
+    """An interface that a program makes, such as that of a tunnel; it is not there before the first run."""
+
+    name: str
+    address: IPv4Address
+    network: IPv4Network
+    mtu: int
+
+
+class PlanPart(Part):
+    """What an optional feature adds to the plan of a computer, and what follows for the rest of the plan."""
+
+    carries: ClassVar[str] = (
+        ""  # its name in a picture, if it makes the common network: its program makes the routes there
+    )
+
+    @property
+    def duty(self) -> str:
+        """What the computer does for others by it, in a word for a picture; empty for nothing."""
+        return ""
+
+    @property
+    def forwards(self) -> bool:
+        """Whether the computer passes packets of others on by it."""
+        return False
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """The services that start before all others of the computer."""
+        return ()
+
+    @property
+    def open_ports(self) -> tuple[str, ...]:
+        """The ports that it opens to everybody, as the packet filter has them."""
+        return ()
+
+    @property
+    def interface(self) -> PlannedInterface | None:
+        """The interface that it makes."""
+        return None
+
+    def list_ways(self) -> Mapping[IPv4Network, IPv4Address]:
+        """Return the next address to each network to which its own program leads."""
+        return {}
+
+
+@dataclass(frozen=True)
 class Interface:
     """An address of the computer, and the network that its interface is in."""
 
@@ -189,45 +237,6 @@ class MulticastRouting:
 
 
 @dataclass(frozen=True)
-class Clock:
-    """The time of a computer: of the source, or its own, which others may ask for."""
-
-    source: str  # the computer that gives the time
-    server: IPv4Address | None = None  # its address; None: this computer is the source
-    networks: tuple[IPv4Network, ...] = ()  # the networks that may ask the source
-    # Preflight fills these in: whose time service is there already, and is left alone; whether the clock can be set there.
-    kept: str | None = field(default=None, metadata=notation(left_out=True))
-    settable: bool | None = field(default=None, metadata=notation(left_out=True))
-
-
-@dataclass(frozen=True)
-class Peer:
-    """Another computer in the tunnel."""
-
-    computer: str
-    networks: tuple[IPv4Network, ...]  # the addresses that are its own in the tunnel, and the network behind it
-    endpoint: IPv4Address | None = None  # None: it speaks first
-
-
-@dataclass(frozen=True)
-class Tunnel:
-    """The place of a computer in the tunnel that is the common network."""
-
-    computer: str
-    address: IPv4Address
-    network: IPv4Network
-    port: int
-    peers: tuple[Peer, ...] = ()
-    routes: tuple[Route, ...] = ()  # to the networks behind other computers
-    hub: bool | None = field(default=None, metadata=notation(left_out=True))  # it passes packets on between its peers
-
-    def find_carrier(self, address: IPv4Address) -> str:
-        """Return the peer to which packets for an address go: the computer itself, or the hub. Empty for none."""
-        near = (peer.computer for peer in self.peers if any(address in network for network in peer.networks))
-        return next(near, "")
-
-
-@dataclass(frozen=True)
 class Guard:
     """Networks whose addresses come in at one interface only. Its name is COMMON_INTERFACE or OWN_INTERFACE until preflight knows it."""
 
@@ -261,6 +270,15 @@ class UnitLines:
     service: str = ""
 
 
+def _list_parts() -> Mapping[str, type]:
+    """Return the keys that features have in the plan of a computer, with their types."""
+    return load_hooks("model", type)
+
+
+def _list_due() -> Mapping[str, type]:
+    return {f"{name}_due": bool for name in load_hooks("model", type)}
+
+
 @dataclass(frozen=True, kw_only=True)
 class ComputerPlan:
     """The configuration of one computer, or of the router of the common network."""
@@ -284,8 +302,7 @@ class ComputerPlan:
     look_at: LookAt = LookAt()
     multicast_routing: MulticastRouting | None = None
     firewall: Firewall | None = None  # None: no packet filter is wanted
-    clock: Clock | None = field(default=None, metadata=notation(left_out=True))
-    tunnel: Tunnel | None = field(default=None, metadata=notation(left_out=True))
+    features: Mapping[str, PlanPart] = field(default_factory=dict, metadata=notation(among=_list_parts))
     environment: Mapping[str, str] = field(default_factory=dict)
     ports: tuple[Port, ...] = ()
     services: tuple[str, ...] = ()  # in the order in which they start
@@ -311,13 +328,24 @@ class ComputerPlan:
     nft_missing: bool | None = field(
         default=None, metadata=notation(left_out=True)
     )  # it is needed, and to be installed first
-    clock_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the clock
-    tunnel_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the tunnel
+    features_due: Mapping[str, bool] = field(
+        default_factory=dict, metadata=notation(among=_list_due)
+    )  # the same of each feature
+
+    @property
+    def carrier(self) -> str:
+        """The name of the feature that makes the common network here; empty where none does."""
+        return next((part.carries for part in self.features.values() if part.carries), "")
+
+    @property
+    def interfaces_to_come(self) -> tuple[PlannedInterface, ...]:
+        """The interfaces that its features make."""
+        return tuple(part.interface for part in self.features.values() if part.interface)
 
     @property
     def forwards(self) -> bool:
         """Whether it passes packets of others on."""
-        return self.is_gateway or self.is_router or bool(self.tunnel and self.tunnel.hub)
+        return self.is_gateway or self.is_router or any(part.forwards for part in self.features.values())
 
     @property
     def services_with_routing(self) -> tuple[str, ...]:

@@ -5,12 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from ipaddress import IPv4Network
 
+from .._base.features import load_hooks
 from .._inventory.model import Computer, Fleet, Robot, Router
 from . import membership, model, parameters, providers
+from .hooks import PlanHooks
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
 LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters", "multicast_routing")
@@ -95,7 +97,6 @@ def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> model.Member
     is_master = computer == robot.companion
     routed = fleet.variables.multicast_routing != "none" and robot.gateway is not None and bool(robot.gateway.name)
     in_common_network = computer.common_address is not None
-    in_tunnel = fleet.variables.tunnel != "none"  # which carries no multicast
     return model.Member(
         name=computer.name,
         robot=robot.name,
@@ -103,7 +104,7 @@ def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> model.Member
         network=robot.network,
         discovery_address=computer.discovery_address,
         discovery=not computer.sealed and (is_master or in_common_network),
-        multicast=not computer.sealed and not in_tunnel and (in_common_network or (is_master and routed)),
+        multicast=not computer.sealed and fleet.overlay is None and (in_common_network or (is_master and routed)),
     )
 
 
@@ -139,10 +140,9 @@ def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.Comp
 
 def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: model.ComputerPlan) -> model.ComputerPlan:
     is_master = computer == robot.companion
-    is_gateway = bool(_list_behind(robot, computer))
-    tunnel = _tunnel(fleet, robot, computer)
-    # The unit of the tunnel makes its routes, each time that it starts.
-    existing = robot.variables.routes == "existing" or tunnel is not None
+    is_gateway = bool(list_behind(robot, computer))
+    features = _list_features(fleet, robot, computer)
+    existing = robot.variables.routes == "existing" or _is_carried(features.values())
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
     metrics = parameters.writes_metrics(robot) and is_master
     border = parameters.border(fleet, robot) if is_master else None
@@ -153,17 +153,16 @@ def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: mo
         roscore=_roscore(robot),
         ros_setup=computer.variables.ros_setup,
         shells=computer.variables.shells,
-        sysctl=_sysctl(fleet, is_gateway, computer == fleet.hub),
+        sysctl=_sysctl(fleet, is_gateway, _is_hub(fleet, computer)),
         routes=() if existing else _routes(fleet, robot, computer),
         routes_expected=expected,
         look_at=_look_at(fleet, robot, is_master, expected, metrics),
         multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
-        firewall=_firewall(fleet, robot, computer, tunnel),
-        clock=_clock(fleet, robot, computer),
-        tunnel=tunnel,
+        firewall=_firewall(fleet, robot, computer, features.values()),
+        features=features,
         environment=_environment(fleet, robot, computer),
         ports=_ports(fleet, robot, border) if is_master else (),
-        services=_services(robot, is_master, tunnel, border),
+        services=_services(robot, is_master, features.values(), border),
         metrics_folder=robot.variables.metrics_folder if metrics else None,
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
@@ -173,6 +172,17 @@ def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: mo
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
     )
+
+
+def _list_features(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, model.PlanPart]:
+    """Return what the optional features plan for a computer."""
+    parts = {name: hooks.make_part(fleet, robot, computer) for name, hooks in load_hooks("plan", PlanHooks).items()}
+    return {name: part for name, part in parts.items() if part is not None}
+
+
+def _is_carried(features: Iterable[model.PlanPart]) -> bool:
+    """Return True if a feature makes the common network: its program makes the routes there, each time that it starts."""
+    return any(part.carries for part in features)
 
 
 def _environment(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, str]:
@@ -191,8 +201,8 @@ def _roscore(robot: Robot) -> str:
 def _look_at(
     fleet: Fleet, robot: Robot, is_master: bool, expected: Iterable[model.ExpectedRoute], metrics: bool
 ) -> model.LookAt:
-    wanted = {"folders": metrics, "clock": fleet.clock, "tunnel": fleet.variables.tunnel != "none"}
-    also = [part for part, is_wanted in wanted.items() if is_wanted]
+    also = ["folders"] if metrics else []
+    also += [part for hooks in load_hooks("plan", PlanHooks).values() for part in hooks.list_facts(fleet)]
     return model.LookAt(
         parts=(*LOOKED_AT, *LOOKED_AT_WITH_ROS, *also),
         folders=(robot.variables.metrics_folder,) if metrics else None,
@@ -232,10 +242,10 @@ def _routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Route
     """Return the routes of a computer: behind a gateway the report's default route, unless the robot wants networks."""
     if robot.gateway and not computer.common_address and robot.variables.routes == "default":
         return (model.Route(model.DEFAULT_ROUTE, robot.gateway.address),)
-    return _network_routes(fleet, robot, computer)
+    return list_network_routes(fleet, robot, computer)
 
 
-def _network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Route, ...]:
+def list_network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Route, ...]:
     """Return a route to each other network.
 
     On the common network it leads to the other robot's gateway itself. The router would send the packets back on the
@@ -253,7 +263,7 @@ def _list_expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tup
     also = (fleet.router.address,) if computer.common_address and fleet.router else ()
     return tuple(
         model.ExpectedRoute(route.destination, (route.gateway, *also))
-        for route in _network_routes(fleet, robot, computer)
+        for route in list_network_routes(fleet, robot, computer)
     )
 
 
@@ -264,52 +274,11 @@ def _multicast_routing(fleet: Fleet, gateway: Computer) -> model.MulticastRoutin
     return model.MulticastRouting(fleet.variables.multicast_group, (gateway.address, gateway.common_address))
 
 
-def _clock(fleet: Fleet, robot: Robot, computer: Computer) -> model.Clock | None:
-    """Return the clock of a computer. It reaches a source of its own robot by the address there, any other one by that for others."""
-    source = fleet.clock
-    if source is None:
-        return None
-    if source != computer:
-        return model.Clock(source.name, source.address if source.robot == robot.name else source.discovery_address)
-    networks = [fleet.variables.common_network, *(other.network for other in fleet.robots), *fleet.variables.allow]
-    return model.Clock(source.name, networks=tuple(dict.fromkeys(networks)))
+def _is_hub(fleet: Fleet, computer: Computer) -> bool:
+    return fleet.overlay is not None and computer == fleet.overlay.hub
 
 
-def _tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> model.Tunnel | None:
-    """Return the place of a computer in the tunnel, None without one. Computers behind a gateway use that of the gateway."""
-    if fleet.variables.tunnel == "none" or computer.common_address is None:
-        return None
-    return model.Tunnel(
-        computer=computer.name,
-        address=computer.common_address,
-        network=fleet.variables.common_network,
-        port=fleet.variables.tunnel_port,
-        peers=tuple(_list_peers(fleet, computer)),
-        routes=_network_routes(fleet, robot, computer),
-        hub=computer == fleet.hub or None,
-    )
-
-
-def _list_peers(fleet: Fleet, computer: Computer) -> Iterator[model.Peer]:
-    """Yield the peers of a computer. Where there is a hub, all between others of which one has no endpoint goes through it."""
-    others = [
-        (own, (IPv4Network(own.discovery_address), *_list_behind(robot, own)))  # what is its own in the tunnel
-        for robot in fleet.robots
-        for own in robot.computers
-        if own.common_address and own != computer
-    ]
-    by_hub = [own for own, _networks in others if _is_reached_by_hub(fleet, computer, own)]
-    behind = [network for own, networks in others if own in by_hub for network in networks]
-    for own, networks in others:
-        if own not in by_hub:
-            yield model.Peer(own.name, (*networks, *(behind if own == fleet.hub else ())), own.variables.endpoint)
-
-
-def _is_reached_by_hub(fleet: Fleet, one: Computer, other: Computer) -> bool:
-    return fleet.hub not in (None, one, other) and None in (one.variables.endpoint, other.variables.endpoint)
-
-
-def _list_behind(robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
+def list_behind(robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
     """Return the network of its robot on a gateway, nothing on other computers."""
     return (robot.network,) if robot.gateway and robot.gateway.name == computer.name else ()
 
@@ -317,13 +286,14 @@ def _list_behind(robot: Robot, computer: Computer) -> tuple[IPv4Network, ...]:
 # The packet filter
 
 
-def _firewall(fleet: Fleet, robot: Robot, computer: Computer, tunnel: model.Tunnel | None) -> model.Firewall | None:
+def _firewall(
+    fleet: Fleet, robot: Robot, computer: Computer, features: Collection[model.PlanPart]
+) -> model.Firewall | None:
     """Return the packet filter of a computer. None: no packet filter is wanted. A hub passes packets on for the whole fleet, as a router."""
     if fleet.variables.firewall != "fleet":
         return None
-    networks = _networks_behind_router(fleet) if computer == fleet.hub else _list_behind(robot, computer)
-    # Who comes by the tunnel has a key; to others its port does not answer.
-    ports = (f"{tunnel.port}/udp",) if tunnel else ()
+    networks = _networks_behind_router(fleet) if _is_hub(fleet, computer) else list_behind(robot, computer)
+    ports = [port for part in features for port in part.open_ports]
     return model.Firewall(
         networks,
         tuple(_list_guards(fleet, robot, computer)),
@@ -335,12 +305,12 @@ def _firewall(fleet: Fleet, robot: Robot, computer: Computer, tunnel: model.Tunn
 def _list_guards(fleet: Fleet, robot: Robot, computer: Computer) -> Iterator[model.Guard]:
     """Yield the networks whose addresses come in at one interface of the computer only.
 
-    The own network of a robot is at the interface there. What is in the tunnel comes by it, and behind a gateway from the gateway.
-    Without a tunnel, the addresses of other robots are those of an ordinary network, which may lead to a computer in several ways.
+    The own network of a robot is at the interface there. What is in an overlay comes by it, and behind a gateway from the gateway.
+    Without an overlay, the addresses of other robots are those of an ordinary network, which may lead to a computer in several ways.
     """
     own = (robot.network,) if robot.gateway else ()
     common: list[IPv4Network] = []
-    if fleet.variables.tunnel != "none":
+    if fleet.overlay:
         others = [other.network for other in fleet.robots if other.gateway and other != robot]
         common = [fleet.variables.common_network, *others]
     if computer.common_address is None:
@@ -394,7 +364,7 @@ NO_FOREIGN_ARP = model.Setting("net.ipv4.conf.all.arp_ignore", "3", enough=("1",
 def _sysctl(fleet: Fleet, is_gateway: bool, is_hub: bool) -> tuple[model.Setting, ...]:
     """Return the kernel settings of a computer. Answers to `ping 224.0.0.1` are of section 3.2 of the report.
 
-    The tunnel of a hub is not there yet, and takes the default.
+    The interface of a hub is not there yet, and takes the default.
     """
     answers = fleet.variables.answer_broadcast_pings
     every = (model.Setting("net.ipv4.icmp_echo_ignore_broadcasts", "0" if answers else "1"), NO_FOREIGN_ARP)
@@ -413,10 +383,10 @@ def _ports(fleet: Fleet, robot: Robot, border: model.Parameters | None) -> tuple
 
 
 def _services(
-    robot: Robot, is_master: bool, tunnel: model.Tunnel | None, border: model.Parameters | None
+    robot: Robot, is_master: bool, features: Collection[model.PlanPart], border: model.Parameters | None
 ) -> tuple[str, ...]:
     """Return the services of a computer of a robot, in the order in which they start."""
-    first = ("tunnel", "address") if tunnel else ("address",)
+    first = (*(name for part in features for name in part.services), "address")
     if not is_master:
         return first
     roscore = ("roscore",) if _roscore(robot) == "managed" else ()

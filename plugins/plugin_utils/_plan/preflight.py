@@ -14,9 +14,11 @@ from ipaddress import IPv4Address
 from typing import Any
 
 from .._base import advice
+from .._base.features import load_hooks
 from .._base.plain_text import LINE, quote
 from .._inventory.flows import BORDER_PORT
-from . import clock, environment, providers, set_up, tunnel, units
+from . import environment, providers, set_up, units
+from .hooks import PlanHooks
 from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, Interface, Port, Setting
 
 # The units of the collection. They may hold the ports of the plan.
@@ -62,8 +64,8 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
 
     The new plan has the names of the interfaces, the nodes' programs and the packages to install.
     """
-    problems = list(tunnel.find_tunnel_problems(plan, info))
-    info = tunnel.add_interface(plan, info)
+    problems, feature_warnings = _compare_features(plan, info)
+    info = _add_interfaces(plan, info)
     interfaces: dict[IPv4Address, str] = {}  # address -> name
     for wanted in plan.networks:
         interfaces[wanted.address], interface_problems = _find_interface(plan, info, wanted)
@@ -71,7 +73,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
     problems += _find_machine_problems(plan, info)
     problems += _check_multicast_routing(plan, info, interfaces)
     missing = _explain_missing_services(plan, info)
-    warnings = [*_check_hostname(plan, info), *missing.values(), *clock.list_clock_warnings(plan, info)]
+    warnings = [*_check_hostname(plan, info), *missing.values(), *feature_warnings]
     services = tuple(name for name in plan.services if name not in missing)
     filled = replace(_fill(plan, info, interfaces), services=services)
     limits, broken_ros = list(plan.limits), ""
@@ -105,7 +107,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
 
 
 def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
-    """Return the plan with what only the machine knows: interfaces, whose clock is kept, packages, and what an earlier plan left."""
+    """Return the plan with what only the machine knows: interfaces, packages, and what an earlier plan left."""
     common = interfaces.get(plan.common_address, "") if plan.common_address else ""
     sysctl = tuple(
         replace(setting, name=setting.name.replace("{common}", common.replace(".", "/"))) for setting in plan.sysctl
@@ -117,25 +119,57 @@ def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4A
     names = {COMMON_INTERFACE: common, OWN_INTERFACE: interfaces.get(plan.address, "")}
     planned = plan.firewall.guards if plan.firewall else ()
     guards = tuple(replace(guard, interface=names[guard.interface]) for guard in planned)
-    follows = clock.add_machine(plan.clock, info)
+    plan = _fill_features(plan, info)
+    features = load_hooks("plan", PlanHooks).values()
     return replace(
         plan,
         sysctl=sysctl,
         multicast_routing=routing,
         programs=units.NO_PROGRAMS,
         packages=(
-            *clock.list_clock_packages(follows),
+            *(name for hooks in features for name in hooks.list_packages(plan, info)),
             *(("nftables",) if guards else ()),
-            *tunnel.list_tunnel_packages(plan.tunnel, info),
         ),
         firewall=replace(plan.firewall, guards=guards) if plan.firewall else None,
         multicast_routing_due=_is_due(plan.multicast_routing, "multicast_routing", info),
         # Without the name of an interface, which a verification may have, there is nothing to compare.
         firewall_due=_is_due(plan.firewall, "firewall", info) and all(of.interface for of in guards),
         nft_missing=bool(guards) and not info["filters"]["readable"],
-        clock=follows,
-        clock_due=_is_due(plan.clock, "files-clock", info),
-        tunnel_due=_is_due(plan.tunnel, "files-tunnel", info),
+    )
+
+
+def _compare_features(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Return the problems of the optional features on this machine, and their warnings."""
+    features = load_hooks("plan", PlanHooks).values()
+    problems = [sentence for hooks in features for sentence in hooks.find_problems(plan, info)]
+    return problems, [sentence for hooks in features for sentence in hooks.list_warnings(plan, info)]
+
+
+def _add_interfaces(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what multimaster_info found, with the interfaces that optional features make, as they will be."""
+    there = [entry["name"] for entry in info["interfaces"]]
+    planned = [
+        {
+            "name": interface.name,
+            "up": True,
+            "loopback": False,
+            "multicast": False,
+            "point_to_point": True,
+            "addresses": [{"address": str(interface.address), "prefix": interface.network.prefixlen, "family": "inet"}],
+        }
+        for interface in plan.interfaces_to_come
+        if interface.name not in there
+    ]
+    return {**info, "interfaces": [*info["interfaces"], *planned]} if planned else info
+
+
+def _fill_features(plan: ComputerPlan, info: Mapping[str, Any]) -> ComputerPlan:
+    """Return the plan with what only the machine knows of its optional features, and which of them are due."""
+    known = load_hooks("plan", PlanHooks)
+    return replace(
+        plan,
+        features={name: known[name].fill(part, info) for name, part in plan.features.items()},
+        features_due={f"{name}_due": _is_due(plan.features.get(name), f"files-{name}", info) for name in known},
     )
 
 
@@ -206,12 +240,12 @@ def _is_due(planned: object, record: str, info: Mapping[str, Any]) -> bool:
 def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:
     """Return the name of the interface with an address of the plan, and its problems. Of several, one without problems counts."""
     places = [(interface, entry) for interface in info["interfaces"] for entry in interface["addresses"]]
-    # An address of the tunnel is its own interface's, whoever else has it; find_tunnel_problems refuses the others.
-    tunnels = (tunnel.INTERFACE,) if plan.tunnel and wanted.address == plan.tunnel.address else ()
+    # An address that a feature makes is its own interface's, whoever else has it; the feature refuses the others.
+    made = [one.name for one in plan.interfaces_to_come if one.address == wanted.address]
     found = {
         interface["name"]: list(_check_interface(plan, wanted, interface, entry["prefix"]))
         for interface, entry in places
-        if entry["address"] == str(wanted.address) and (not tunnels or interface["name"] in tunnels)
+        if entry["address"] == str(wanted.address) and (not made or interface["name"] in made)
     }
     good = [name for name, problems in found.items() if not problems]
     if len(good) > 1 and plan.firewall and plan.firewall.guards:
@@ -305,7 +339,7 @@ def _find_machine_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Itera
             "multimaster_metrics_folder, or set multimaster_metrics to 'none'."
         )
     ways = {entry["destination"]: entry for entry in info.get("ways", ())}
-    for route in () if plan.tunnel else plan.routes_expected:  # the unit of a tunnel makes them
+    for route in () if plan.carrier else plan.routes_expected:  # the program of an overlay makes them
         way = ways.get(str(route.destination[1]), {"error": "not looked at", "gateway": None})
         gateway, gateways = way["gateway"], [str(planned) for planned in route.gateways]
         if gateway not in gateways:

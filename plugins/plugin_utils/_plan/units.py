@@ -13,7 +13,9 @@ import hashlib
 import ipaddress
 from collections.abc import Iterable, Mapping, Sequence
 
+from .._base.features import load_hooks
 from . import quotes
+from .hooks import UnitHooks
 from .model import UnitLines
 
 # Where the roles install.
@@ -109,37 +111,6 @@ RestrictAddressFamilies=AF_NETLINK
 MemoryDenyWriteExecute=yes
 {sandbox}"""
 
-# The tunnel
-
-_TUNNEL = """\
-# Managed by rosfleet.multimaster: the tunnel to the other robots, of the robot {robot}
-[Unit]
-Description=Tunnel of this computer of {robot} to the other robots (WireGuard)
-Documentation=https://github.com/rosfleet/multimaster
-# Its address is there without a network, and so is its port: who comes back is heard from whatever address.
-After=network-pre.target
-Before=multimaster-address.service multimaster-roscore.service multimaster-discovery.service multimaster-sync.service
-
-[Service]
-Type=oneshot
-RemainAfterExit=yes
-Environment=ROSFLEET_INPUTS={inputs}
-# An earlier start may have left it, as a wireguard-go that was killed.
-ExecStartPre=-/sbin/ip link delete dev multimaster0
-ExecStart=/usr/bin/wg-quick up {configuration}/multimaster0.conf
-ExecStop=/usr/bin/wg-quick down {configuration}/multimaster0.conf
-# Root, since the key is root's, with the rights of a network manager alone.
-CapabilityBoundingSet=CAP_NET_ADMIN
-# The one device that wireguard-go needs, where the kernel has no WireGuard.
-DeviceAllow=/dev/net/tun rw
-BindPaths=-/dev/net/tun
-ReadWritePaths=/run
-ProtectHome=yes
-RestrictAddressFamilies=AF_INET AF_INET6 AF_NETLINK AF_UNIX
-MemoryMax=256M
-TasksMax=256
-{sandbox}"""
-
 # The units of ROS
 
 # A service of ROS: a folder of its own, restarts, an unprivileged user.
@@ -209,8 +180,11 @@ NODES = {
     "border": ("topics by other names, and at a rate, to other robots", ""),
 }
 
+#: the services of optional features: the text of each
+OF_FEATURES = {name: text for hooks in load_hooks("units", UnitHooks).values() for name, text in hooks.services.items()}
+
 #: the services that are not nodes
-OTHERS = ("tunnel", "address", "watchdog", "roscore", "connections", "metrics")
+OTHERS = (*OF_FEATURES, "address", "watchdog", "roscore", "connections", "metrics")
 
 
 _CODE = f"{LIBRARY}/python/rosfleet_multimaster"
@@ -218,7 +192,7 @@ _MESSAGES = (f"{LIBRARY}/python/fkie_multimaster_msgs", f"{LIBRARY}/share")
 
 #: service -> the files and folders of the nodes that it reads, beside those of which no service is said here: all read these
 READS: dict[str, tuple[str, ...]] = {
-    "tunnel": (),
+    **dict.fromkeys(OF_FEATURES, ()),
     "address": (),
     "watchdog": (f"{_CODE}/end_hangs.py",),
     "roscore": (f"{_CODE}/roscore",),
@@ -258,22 +232,23 @@ def render_services(
     environment_digest: str,
     files: Mapping[str, str],
     metrics_folder: str = "",
-    tunnel_digest: str = "",
+    digests: Mapping[str, str] | None = None,
 ) -> list[Unit]:
     """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`.
 
     `files`: those of the nodes, code and parameters, path -> digest. A service restarts where one of its inputs changes: the
     environment, where it has one, and the files that it reads. The bundled roscore remembers, so a restart costs nothing. If
     the roscore of ROS restarts, every node loses its registration, so that one depends on the environment alone.
+    `digests`: those of the inputs of optional features, by the service that depends on them.
     """
     units = []
     for name in names:
         environment = environment_digest if name in ("roscore", *NODES) else ""
         read = [f"{path} {digest}\n" for path, digest in sorted(files.items()) if reads(name, path)]
         shared = {"robot": quotes.escape_text(robot), "inputs": _digest(environment, *read)}
-        if name == "tunnel":
-            values = {**shared, "inputs": quotes.escape_text(tunnel_digest)}
-            text = _complete(_TUNNEL, **values)
+        if name in OF_FEATURES:
+            values = {**shared, "inputs": quotes.escape_text((digests or {}).get(name, ""))}
+            text = _complete(OF_FEATURES[name], **values)
         elif name == "address":
             text = _complete(_ADDRESS, **shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)
         elif name == "watchdog":

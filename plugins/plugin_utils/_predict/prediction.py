@@ -15,6 +15,7 @@ from ipaddress import IPv4Address
 from itertools import chain, permutations
 from typing import NamedTuple
 
+from .._base.features import load_hooks
 from .._base.sentences import shorten_list
 from .._network import facts, packets
 from .._network.model import Packet, World
@@ -26,7 +27,6 @@ REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
 TRANSLATED = "translated"
 FULL = 1500  # bytes of a large packet
 NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
-NTP = 123
 WIDTH = 120
 MATRIX = 16  # computers: a larger matrix is not printed
 ALL = 30  # computers of which all pairs are tried
@@ -60,12 +60,6 @@ def _call_border(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
     return Packet("tcp", other.discovery_address, port=its["port"])
 
 
-def _ask_time(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
-    """Make a packet to the source of the time that a computer follows."""
-    clock = fleet.computers[one.name].clock
-    return Packet("udp", clock.server, port=NTP) if clock and clock.server and clock.source == other.name else None
-
-
 class Traffic(NamedTuple):
     """A kind of packets that the fleet needs."""
 
@@ -80,7 +74,11 @@ TRAFFIC = (
     Traffic(CONNECTIONS, _call_node),
     Traffic(LARGE, _fill_packet),
 )
-DECLARED = (Traffic("topics by the border", _call_border), Traffic("the time", _ask_time))  # of few ways
+
+
+def list_declared() -> tuple[Traffic, ...]:
+    """List the traffic of few ways: that of the borders, and that of the optional features."""
+    return (Traffic("topics by the border", _call_border), *load_hooks("predict", Traffic).values())
 
 
 class End(NamedTuple):
@@ -153,7 +151,8 @@ def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info]) -> Prediction:
 
 def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
     same = now == after  # as after every site.yml
-    declared = ((one, other, DECLARED) for one, other in permutations(fleet.members, 2))
+    few = list_declared()
+    declared = ((one, other, few) for one, other in permutations(fleet.members, 2))
     for one, other, traffics in chain(choose_ways(fleet.members), declared):
         for traffic in traffics:
             packet = traffic.make_packet(fleet, one, other)
@@ -326,7 +325,7 @@ def render(prediction: Prediction) -> str:
 
 def _table(prediction: Prediction) -> str:
     count = prediction.count
-    shown = [*TRAFFIC, *(traffic for traffic in DECLARED if count(traffic=traffic.name))]
+    shown = [*TRAFFIC, *(traffic for traffic in list_declared() if count(traffic=traffic.name))]
     width = max(len(traffic.name) for traffic in shown)
     columns = ("pairs", "now", "after", "begin", "end", "unsure")
     lines = [f"  {'would reach each other':<{max(width, 22)}}" + "".join(f"{column:>9}" for column in columns)]

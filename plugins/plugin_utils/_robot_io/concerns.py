@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from .._base.features import FEATURES
+
 #: tag, the name of a role -> its options of the module multimaster_computer, and its bundles in the lists among them
 CONCERNS: dict[str, dict[str, str]] = {
     "sysctl": {"sysctl": ""},
@@ -17,8 +19,7 @@ CONCERNS: dict[str, dict[str, str]] = {
     "environment": {"managed_files": "environment", "shells": ""},
     "nodes": {"multimaster_packages": "", "managed_files": "nodes"},
     "multicast_routing": {"managed_files": "multicast_routing", "managed_services": "multicast_routing"},
-    "tunnel": {"tunnel": ""},
-    "clock": {"managed_files": "clock"},
+    **{feature.name: dict(feature.concern) for feature in FEATURES if feature.concern},
     "services": {"managed_services": "multimaster"},
 }
 #: Ansible's own words in place of a tag

@@ -18,6 +18,7 @@ import yaml
 
 from ...module_utils._contract.answers import ANSWERS
 from ...module_utils._contract.fields import Struct, is_generic, is_list, is_struct, list_arguments, strip_optional
+from .._base.features import FEATURES
 
 SECTION = re.compile(r'^RETURN = r"""\n(.*?)^"""', re.MULTILINE | re.DOTALL)
 
@@ -45,7 +46,7 @@ ELSEWHERE: Mapping[str, Mapping[str, tuple[str, str]]] = {
 }
 #: the modules whose runs multimaster_computer answers in `concerns`
 RUNS = (
-    *("sysctl", "routes", "firewall", "tunnel"),
+    *("sysctl", "routes", "firewall", *(feature.guarded for feature in FEATURES if feature.guarded)),
     *("hosts_entries", "multimaster_packages", "managed_files", "managed_services"),
 )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
+from .._base.features import FEATURES
 from .._plan.units import CONFIGURATION, LIBRARY, NODES, OTHERS, READS, reads
 
 #: the concerns of a computer, as people call them, in the order of a run
@@ -15,7 +16,7 @@ CONCERNS = {
     "sysctl": "kernel settings",
     "routes": "routes",
     "firewall": "packet filter",
-    "tunnel": "tunnel",
+    **{feature.guarded: feature.name for feature in FEATURES if feature.guarded},
     "hosts_entries": "/etc/hosts",
     "multimaster_packages": "packages",
     "managed_files": "files",

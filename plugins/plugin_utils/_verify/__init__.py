@@ -4,6 +4,7 @@
 
 __all__ = (
     "checks",
+    "components",
     "context",
     "diagnose",
     "observe",

@@ -23,8 +23,9 @@ from tempfile import TemporaryDirectory
 ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / ".work/collections"), str(ROOT / "lab")]
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._features.tunnel.files import render_tunnel  # noqa: E402
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._features.tunnel.model import Tunnel  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory, read_fleet  # noqa: E402
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import tunnel  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan  # noqa: E402
 from machines.layout import read_inventory  # noqa: E402
 
@@ -131,7 +132,7 @@ def render_peers() -> dict[str, str]:
     public = {name: run("wg", "pubkey", text=key).strip() for name, key in private.items()}
     texts = {}
     for name in (ANA, BOB):
-        rendered = tunnel.render_tunnel(fleet.computers[name].tunnel, public)[-1]["content"]
+        rendered = render_tunnel(Tunnel.find(fleet.computers[name]), public)[-1]["content"]
         of_wg = ("[", "ListenPort", "PublicKey", "AllowedIPs", "Endpoint", "PersistentKeepalive")
         lines = [line for line in rendered.splitlines() if line.startswith(of_wg)]  # the others are wg-quick's
         texts[name] = "\n".join(lines).replace("[Interface]", f"[Interface]\nPrivateKey = {private[name]}") + "\n"

@@ -5,6 +5,7 @@
 
 import typing
 
+from ..._features.concerns import CONCERNS as FEATURES
 from ..firewall import run as firewall
 from ..hosts import run as hosts
 from ..packages import run as packages
@@ -12,7 +13,6 @@ from ..routes import run as routes
 from ..sysctl import run as sysctl
 from ..transaction import file_bundle, service_bundle
 from ..transaction.module import Concern
-from ..tunnel import run as tunnel
 
 Options = typing.Mapping[str, typing.Any]
 
@@ -20,7 +20,7 @@ CONCERNS = (
     sysctl.CONCERN,
     routes.CONCERN,
     firewall.CONCERN,
-    tunnel.CONCERN,
+    *FEATURES,
     hosts.CONCERN,
     packages.CONCERN._replace(fixed={"keep": True}),
     file_bundle.CONCERN,

@@ -5,4 +5,5 @@
 __all__ = (
     "machine",
     "next_boot",
+    "part",
 )

@@ -11,8 +11,10 @@ from ..._apply.routes.tables import read_tables
 from ..._apply.transaction import record
 from ..._base import deadlines
 from ..._base.plain_text import LINE, quote
-from ..._machine import clock, filters, fkie, network, ports, ros, shells, system
+from ..._features.facts import FACTS
+from ..._machine import filters, fkie, network, ports, ros, shells, system
 from ..measure.network import NO_FORWARDING, forwarding
+from .part import Part
 
 MOST_TABLES = 32  # other tables of routes that are read
 
@@ -41,30 +43,12 @@ def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[ty
     return facts.masters(wanted)
 
 
-class Part(typing.NamedTuple):
-    """A part of the machine: its name, the function that looks, its limit, and the value where it cannot look."""
-
-    name: str
-    look: typing.Callable[..., typing.Any]
-    limit: float  # seconds
-    nothing: typing.Any
-    options: typing.Tuple[str, ...] = ()  # the arguments of `look`
-
-
 NO_SYSTEM = {
     "hostname": "",
     "python": "",
     "kernel": "",
     "os": {"id": "", "version": "", "name": ""},
     "systemd": {"running": False, "version": 0, "net_admin": True},
-}
-NO_CLOCK: typing.Dict[str, typing.Any] = {
-    "chronyd": "",
-    "enabled": False,
-    "settable": True,
-    "others": [],
-    "restart_due": False,
-    "sources": [],
 }
 NO_ROS: typing.Dict[str, typing.Any] = {"found": [], "chosen": None, "problem": "ROS could not be looked for."}
 NO_SSHD = {
@@ -90,8 +74,7 @@ PARTS = (
     Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
     Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
     Part("packages", fkie.packages, 30, [], options=("packages",)),
-    Part("clock", clock.clock, 10, NO_CLOCK),
-    Part("tunnel", system.tunnel, 5, {"kernel": True, "device": True}),
+    *FACTS,
     Part("folders", system.folders, 5, [], options=("folders",)),
     Part("ports", ports.holders, 15, [], options=("ports",)),
     Part("masters", masters, 60, [], options=("ports",)),

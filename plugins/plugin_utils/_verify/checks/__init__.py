@@ -3,6 +3,8 @@
 """Observations to rows."""
 
 __all__ = (
+    "discovery_nodes",
     "engine",
+    "hooks",
     "table",
 )

@@ -9,7 +9,7 @@ from ..._plan.model import COMMON
 from ..context import needs
 from ..context.actual_world import DOWN
 from ..context.case import Case
-from ..context.needs import Parts, join_parts, make_parts
+from ..context.needs import Parts, join_parts, make_parts, make_service_part
 from ..context.packet_filters import ROSCORE
 from ..observe.observations import DefaultRoute, ForwardingInterface, Service
 from ..observe.uris import is_one_of, is_same_uri
@@ -127,9 +127,8 @@ def _inactive_parts(case: Case, service: str, entry: Service | None) -> Parts:
 def _service_down_parts(computer: str, service: str) -> Parts:
     if service in ("roscore", "discovery", "sync"):
         return make_parts(service, computer, "dead")
-    if service == "tunnel":
-        return make_parts("tunnel", computer, "ended")
-    return make_parts("service", computer, "down", what=f"multimaster-{service}.service")
+    down = make_parts("service", computer, "down", what=f"multimaster-{service}.service")
+    return make_service_part(computer, service) or down
 
 
 @Check(

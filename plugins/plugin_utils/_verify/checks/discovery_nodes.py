@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
+from ..._base.features import load_hooks
 from ..._plan.model import COMMON
 from ..context import needs
 from ..context.case import Case
@@ -17,8 +18,8 @@ from ..context.policy_routing import taker
 from ..observe.observations import Datagrams, ListedMaster, Route
 from ..observe.outcomes import Outcome
 from ..observe.uris import host_of, is_one_of
-from . import time_sources
 from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
+from .hooks import CheckHooks
 
 # The share of datagrams that may be lost.
 LOSS = 0.05
@@ -211,7 +212,7 @@ def _rounds_suspects(case: Case) -> Parts:
 )
 def _judge_icmp_rounds(case: Case) -> Judgement | None:
     icmp = case.observer.multicast.icmp
-    if icmp is None or case.peer is None or not case.peer.answers_broadcasts or case.observer.plan.tunnel:
+    if icmp is None or case.peer is None or not case.peer.answers_broadcasts or case.observer.plan.carrier:
         return None  # by plan it does not answer: the kernel's default, and no harm
     if not (case.observer.plan.common_address and case.peer.plan.common_address):
         return None  # such a ping stays on the common network
@@ -319,7 +320,7 @@ def _beyond(case: Case, address: IPv4Address) -> str:
 def _route_suspects(case: Case) -> Parts:
     """List what makes another route than the planned ones come first."""
     name = case.observer.name
-    return make_parts("interface", name, "prefix", "address") | make_parts("tunnel", name, "beside")
+    return make_parts("interface", name, "prefix", "address") | needs.by_passes(name)
 
 
 @Check(
@@ -377,6 +378,14 @@ def _judge_roscore_port(case: Case) -> Judgement | None:
 
 # Clocks
 
+# Seconds that a clock may differ from its source: tf extrapolates and messages are dropped from some tenths on.
+OFF_WARNING, OFF_FAILED = 0.1, 0.5
+
+
+def rate_offset(seconds: float) -> str:
+    """Return the verdict of a clock that is off by so much."""
+    return OK if seconds < OFF_WARNING else WARNING if seconds < OFF_FAILED else FAILED
+
 
 def _clock_needs(case: Case) -> Parts:
     clocks = join_parts(make_parts("clock", name, "off") for name in (case.observer.name, case.target))
@@ -388,12 +397,17 @@ def _has_time_source(case: Case, computer: str) -> bool:
     return computer in case.run and case.run[computer].probe.clock.synchronised is True
 
 
+def _list_clock_parts(case: Case, computer: str) -> Parts:
+    """List what keeps the clock of a computer right by the plan."""
+    return join_parts(hooks.list_clock_parts(case, computer) for hooks in load_hooks("checks", CheckHooks).values())
+
+
 def _clock_suspects(case: Case) -> Parts:
     entry = case.observer.masters.get(case.target)
     if entry is not None and entry.clock_offset_s is not None:
         free = [name for name in (case.observer.name, case.target) if not _has_time_source(case, name)]
         suspects = free or [case.observer.name, case.target]
-        return join_parts(make_parts("clock", name, "off") | time_sources.list_parts(case, name) for name in suspects)
+        return join_parts(make_parts("clock", name, "off") | _list_clock_parts(case, name) for name in suspects)
     if entry is not None and entry.open:
         # A discovery node closes the connection of who calls from no address of the plan.
         stranger = make_parts("interface", case.observer.name, "address")
@@ -413,12 +427,12 @@ def _judge_clock(case: Case) -> Judgement | None:
     entry = case.observer.masters.get(case.target)
     if entry is None:
         return None
-    expected = f"less than {time_sources.OFF_WARNING} s apart"
+    expected = f"less than {OFF_WARNING} s apart"
     offset = entry.clock_offset_s
     if offset is None:
         return Judgement(FAILED, expected, entry.clock_error or "no answer")
     sure = abs(offset) - (entry.clock_uncertainty_s or 0.0)
-    return Judgement(time_sources.rate_offset(sure), expected, f"{offset:+.4f} s")
+    return Judgement(rate_offset(sure), expected, f"{offset:+.4f} s")
 
 
 # The masters that a discovery node lists

@@ -2,4 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The table of what can be broken, and how."""
 
-__all__ = ("parts",)
+__all__ = (
+    "fault",
+    "parts",
+)

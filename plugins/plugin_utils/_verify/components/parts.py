@@ -13,39 +13,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from ..._base import advice
+from ..._base.features import load_hooks
 from ..._base.plain_text import quote
-
-READ, ALWAYS = "where it was looked at", "always"
-
-
-class Fault(NamedTuple):
-    """How a part of a kind may be broken: in a sentence, what to do, and the command that shows it.
-
-    Texts have {place} and {what}. A deed that can be pasted is `run site.yml` or `on {place}: <command>`. A command behind
-    `see` only shows the fault. So does `decide`, with which alone an inferred fault is told. A deed that ends with `see` goes on
-    with it. A command made from an observation stands before the remedy (commands.py).
-    `cost` says how rare it is: of two parts that explain the same, the cheaper one is named.
-    A `hard` fault lets nothing pass, so a success that needs the part clears it. Of other faults a success says little.
-    A fault that is `read` is not concluded, since a value on the machine shows it: READ is for places with an observation.
-    """
-
-    sentence: str
-    deed: str
-    decide: str = ""  # empty: the deed shows it, too
-    cost: float = 3.0
-    hard: bool = True
-    read: str = ""
-    what: str = ""  # stands for a part's `what` where it has none
-
-    @property
-    def remedy(self) -> str:
-        """What to do, with the command that shows the fault."""
-        return f"{self.deed} {self.decide}" if self.deed.endswith(" see") else self.deed
-
-    @property
-    def example(self) -> str:
-        """The placeholder for `what` in a command."""
-        return f"<{self.what}>" if " " in self.what else self.what
+from .fault import ALWAYS, READ, ROUTES, SITE, ComponentHooks, Fault
 
 
 class Part(NamedTuple):
@@ -97,7 +67,6 @@ class Part(NamedTuple):
         return words.format(place=self.place_text, what=self.what or self.fault.example)
 
 
-SITE = "run site.yml"
 START_AGAIN = (
     "in the shell, launch file, unit or container that has started it: unset ROS_IP ROS_HOSTNAME; . /etc/profile.d/rosfleet-multimaster.sh; "
     "then start it again"
@@ -106,7 +75,6 @@ NODE_HOSTS = "on {place}: echo $ROS_IP $ROS_HOSTNAME; rosnode list | xargs -n 1 
 RULES = "on {place}: nft list ruleset; iptables -S"
 FORWARDED = "on {place}: nft list ruleset; iptables -S FORWARD"
 ADDRESSES = "on {place}: ip -br address; ip -s link"
-ROUTES = "on {place}: ip rule; ip route"
 DISCOVERY = "on {place}: systemctl status multimaster-discovery; journalctl -b -u multimaster-discovery"
 SYNC = "on {place}: systemctl status multimaster-sync; journalctl -b -u multimaster-sync"
 ROSCORE = "on {place}: systemctl status multimaster-roscore (or the unit of your own roscore)"
@@ -508,84 +476,6 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: chronyc tracking; date --utc +%T.%N",
         what="wrong",
     ),
-    ("tunnel", "ended"): Fault(
-        "multimaster-tunnel.service does not run on {place}, or its tunnel has ended",
-        "on {place}: systemctl restart multimaster-tunnel; see on {place}: journalctl -b -u multimaster-tunnel; wg show multimaster0",
-        "on {place}: systemctl status multimaster-tunnel; wg show multimaster0",
-        cost=2.0,
-        read=READ,
-    ),
-    ("tunnel", "peer"): Fault(
-        "{place} has other peers in its tunnel than planned: {what}",
-        f"{SITE}, which writes the peers of all computers",
-        "on {place}: wg show multimaster0 allowed-ips",
-        cost=2.0,
-        what="a computer of the fleet",
-        read=READ,
-    ),
-    ("tunnel", "key"): Fault(
-        "the key of {place} is not the one that others have of it",
-        f"find out who has set {{place}} up anew; if it was you, {SITE} with -e tunnel_rotate=true",
-        "on {place}: wg show multimaster0 public-key",
-        cost=2.0,
-        read=READ,
-    ),
-    ("tunnel", "silent"): Fault(
-        "nothing comes through the tunnel of {place}",
-        "let its UDP port pass in the network that carries it, and look at the clock: handshakes of a computer whose clock went back are refused; see",
-        "on {place}: wg show multimaster0; date --utc; nft list ruleset",
-    ),
-    ("tunnel", "beside"): Fault(
-        "packets of {place} for {what} take another route than the tunnel",
-        "remove it, or the program that makes it; see",
-        ROUTES,
-        cost=2.0,
-        what="others",
-        read=READ,
-    ),
-    ("tunnel", "mtu"): Fault(
-        "the network that carries the tunnel of {place} takes packets of {what}, so large ones are lost",
-        "on {place}: systemctl restart multimaster-tunnel, which takes the size of that network anew; see",
-        "on {place}: ip link",
-        cost=2.0,
-        what="less than the tunnel sends",
-        read=READ,
-    ),
-    ("tunnel", "clock"): Fault(
-        "nothing comes through the tunnel of {place}, and its clock is {what}: handshakes of a clock that went back are refused",
-        "set its clock: on {place}: date --utc --set ...; keep it right with a battery for the clock, or with multimaster_clock",
-        "on {place}: date --utc; wg show multimaster0 latest-handshakes",
-        what="behind the others",
-    ),
-    ("tunnel", "pair"): Fault(
-        "nothing comes through the tunnel between {place}, and both reach others",
-        "look at what is between them in the network that carries it; see",
-        "on {place}: wg show multimaster0 endpoints",
-        cost=4.0,
-    ),
-    ("time_source", "none"): Fault(
-        "no time service of {place} answers, so its clock is nobody's",
-        f"{SITE}, which starts chrony; see",
-        "on {place}: systemctl status chrony; chronyc sources",
-        cost=2.0,
-        hard=False,
-        read=READ,
-    ),
-    ("time_source", "wrong"): Fault(
-        "the clock of {place} follows {what}, not the source of the fleet's time",
-        f"{SITE} on it; preflight names a time service that somebody has configured there, which stays as it is",
-        "on {place}: chronyc -n sources",
-        cost=2.0,
-        hard=False,
-        what="another one",
-        read=READ,
-    ),
-    ("time_source", "mute"): Fault(
-        "{place}, the source of the fleet's time, gives it to nobody",
-        f"{SITE} on it; let UDP port 123 pass there; see",
-        "on {place}: chronyc -n tracking; chronyc serverstats; nft list ruleset",
-        hard=False,
-    ),
     ("environment", "service"): Fault(
         "services of {place} run with another environment than planned: {what}",
         f"{SITE}, which restarts them",
@@ -972,6 +862,9 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on {place}: grep -rn manage_etc_hosts /etc/cloud",
     ),
     **FILTERS,
+    **{
+        key: fault for hooks in load_hooks("components", ComponentHooks).values() for key, fault in hooks.faults.items()
+    },
 }
 
 #: What a router says of others, which need not be so: packets are followed all the same.
@@ -1006,8 +899,6 @@ CALLS = (
 STOPPED, LOOPING = ("service", "stopped"), ("service", "looping")
 STANDSTILL = (STOPPED, ("service", "full"), LOOPING)  # in one of these a node answers nobody
 SEALED = ("roscore", "sealed")
-# With a tunnel its interface is gone, with its address and its routes; what is measured by the group needs that address.
-TUNNEL = (("tunnel", "ended"),)
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **{(node, "hung"): STANDSTILL for node in ("roscore", "discovery", "sync")},
     **{
@@ -1027,7 +918,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         for way in ("in", "out")
     },
     ("sync", "untold"): (*STANDSTILL, ("sync", "dead")),
-    ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS, *TUNNEL),
+    ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),
     ("neighbour", "mute"): (("neighbour", "filter"),),
@@ -1055,26 +946,24 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         ("link", "down"),
         ("interface", "address"),
         ("interface", "prefix"),
-        *TUNNEL,
     ),
     ("route", "other"): (
         ("route", "rule"),
         ("route", "defaults"),
-        ("tunnel", "beside"),
         ("interface", "address"),
         ("interface", "prefix"),
-        *TUNNEL,
     ),
-    ("interface", "address"): TUNNEL,
-    ("interface", "prefix"): TUNNEL,
 }
+
+_FEATURES = tuple(load_hooks("components", ComponentHooks).values())
 
 #: A fault that follows from another fault of the same place: fault -> its possible causes.
 FOLLOWS = {
     fault: (
         *_CAUSES.get(fault, ()),
+        *(cause for hooks in _FEATURES for cause in hooks.causes.get(fault, ())),
         *([("set_up", "never")] if fault in MADE else []),
         *([PORTS, LIMIT] if fault in CALLS else []),
     )
-    for fault in (*_CAUSES, *MADE, *CALLS)
+    for fault in dict.fromkeys((*_CAUSES, *MADE, *CALLS, *(fault for hooks in _FEATURES for fault in hooks.causes)))
 }

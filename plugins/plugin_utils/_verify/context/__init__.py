@@ -7,6 +7,7 @@ __all__ = (
     "announcements",
     "case",
     "errors",
+    "hooks",
     "needs",
     "packet_filters",
     "pairs",

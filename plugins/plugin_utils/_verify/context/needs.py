@@ -8,18 +8,19 @@ Pure: a case in, parts out. A check joins these sets; see `engine.Check`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import pairwise
 
+from ..._base.features import load_hooks
 from ..._plan.model import COMMON
 from ..components.parts import Part
 from .case import Case
+from .hooks import ContextHooks
 
 Parts = frozenset[Part]
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
-TUNNEL_MODES = ("ended", "peer", "key", "silent", "clock", "mtu", "beside")
 # what a computer that forwards packets needs: kind and mode of parts
 FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), ("reverse_path", "strict"))
 
@@ -27,6 +28,16 @@ FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), 
 def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
     """Make parts of one kind at one place; an empty place has no parts."""
     return frozenset(Part(kind, place, mode, what) for mode in modes) if place else frozenset()
+
+
+def _list_hooks() -> Collection[ContextHooks]:
+    return load_hooks("context", ContextHooks).values()
+
+
+def make_service_part(computer: str, service: str) -> Parts:
+    """Make the part that is broken while a service of an optional feature is down; nothing for other services."""
+    kinds = (hooks.services[service] for hooks in _list_hooks() if service in hooks.services)
+    return join_parts(make_parts(kind, computer, mode) for kind, mode in kinds)
 
 
 # The network
@@ -51,33 +62,10 @@ def _way(case: Case, one: str, other: str) -> Parts:
     for asks, answers in _hops(case, one, other):
         parts |= {Part("neighbour", asks, "fixed", answers), Part("neighbour", answers, "fixed", asks)}
     links, between = case.ways.list_links(one, other), case.ways.list_forwarders(one, other)
-    parts |= _tunnel_parts(case, [place for place, network in links if network == COMMON])
+    places = [place for place, network in links if network == COMMON]
+    parts |= join_parts(hooks.list_way_parts(case, places) for hooks in _list_hooks())
     parts |= {Part(kind, gateway, mode) for gateway in between for kind, mode in FORWARDER}
     return frozenset(parts | _link_parts(case, one, other, "down", "dead") | _routes(case, one, other))
-
-
-def _tunnel_parts(case: Case, places: Iterable[str]) -> Parts:
-    """List the parts of the tunnel between two computers of the common network, where that is one, and of its hub."""
-    ends = [place for place in places if place in case.fleet.computers and case.fleet.computers[place].tunnel]
-    if len(ends) != 2:
-        return frozenset()
-    hub = _find_hub(case, *ends)
-    stops = [ends[0], hub, ends[1]] if hub else ends
-    own = join_parts(make_parts("tunnel", stop, *TUNNEL_MODES) for stop in stops)
-    own |= {Part(kind, hub, mode) for kind, mode in FORWARDER if hub}
-    return own | {Part.from_pair("tunnel", "pair", *leg) for leg in pairwise(stops)}
-
-
-def _find_hub(case: Case, one: str, other: str) -> str:
-    """Return the computer through which two reach each other in the tunnel; empty where they do so directly."""
-    tunnel, target = (case.fleet.computers[name].tunnel for name in (one, other))
-    carrier = tunnel.find_carrier(target.address) if tunnel and target else ""
-    return "" if carrier == other else carrier
-
-
-def list_tunnel_parts(case: Case, one: str, other: str) -> Parts:
-    """List the parts that a handshake between two computers of the tunnel needs."""
-    return _tunnel_parts(case, (one, other))
 
 
 def _link_parts(case: Case, one: str, other: str, mode: str, *network_modes: str) -> Parts:
@@ -128,6 +116,11 @@ def _routes(case: Case, one: str, other: str) -> Parts:
     return frozenset(parts)
 
 
+def by_passes(computer: str) -> Parts:
+    """List what optional features find where packets of a computer leave by another route than the planned one."""
+    return join_parts(hooks.list_route_parts(computer) for hooks in _list_hooks())
+
+
 def route_parts(computer: str, network: str) -> Parts:
     """List how the route of a computer to a network may be wrong, or its routes to all others."""
     return join_parts(make_parts("route", computer, "missing", "other", what=what) for what in (network, ""))
@@ -139,8 +132,8 @@ def large(case: Case, one: str, other: str) -> Parts:
         return frozenset()
     parts: set[Part] = set()
     for place, network in case.ways.list_links(one, other):
-        if network == COMMON and place in case.fleet.computers and case.fleet.computers[place].tunnel:
-            parts |= make_parts("tunnel", place, "mtu")
+        if network == COMMON:
+            parts |= join_parts(hooks.list_large_parts(case, place) for hooks in _list_hooks())
         parts |= make_parts("interface", place, "mtu", what=network) | make_parts("network", network, "large")
     for gateway in case.ways.list_forwarders(one, other):
         parts |= make_parts("forwarding", gateway, "large")

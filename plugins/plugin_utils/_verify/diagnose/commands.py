@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from ..._base import advice
-from ..components.parts import SITE, Part
+from ..components.fault import SITE
+from ..components.parts import Part
 from ..context.case import FleetState, Participant
 from .node_remedies import describe_remedy
 

@@ -16,7 +16,8 @@ from itertools import chain, islice
 
 from ..._base.sentences import shorten_list
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Judgement, Row, Verification
-from ..components.parts import ALWAYS, ANY, FOLLOWS, HEARSAY, RULED, Part
+from ..components.fault import ALWAYS
+from ..components.parts import ANY, FOLLOWS, HEARSAY, RULED, Part
 from ..context import needs
 from ..context.case import LATELY, Participant
 from ..context.errors import find_parts

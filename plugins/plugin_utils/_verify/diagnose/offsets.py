@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from statistics import median
 
+from ..._base.features import load_hooks
 from ..._base.sentences import shorten_list
 from ..checks.engine import Row
+from ..checks.hooks import CheckHooks
 from ..components.parts import Part
 
 
@@ -36,10 +38,15 @@ def _amount(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds < 1 else f"{seconds:.1f} s"
 
 
+def _list_checks() -> tuple[str, ...]:
+    """List the checks that find by how much a clock is off."""
+    return "clock", *(check for hooks in load_hooks("checks", CheckHooks).values() for check in hooks.offset_checks)
+
+
 def _seconds(row: Row) -> float | None:
-    """Read the seconds that the checks `clock` and `time_source` have found, such as "+2.0003 s"; None in another text."""
+    """Read the seconds that a check of clocks has found, such as "+2.0003 s"; None in another text."""
     number, _space, unit = row.found.partition(" ")
     try:
-        return float(number) if row.check in ("clock", "time_source") and unit == "s" else None
+        return float(number) if row.check in _list_checks() and unit == "s" else None
     except ValueError:
         return None

@@ -75,17 +75,14 @@ def draw_fleet(
 
 
 def _device(plan: ComputerPlan) -> _Device:
-    gives_time = plan.clock is not None and plan.clock.server is None
-    is_hub = plan.tunnel is not None and bool(plan.tunnel.hub)
     duties = {
         "master": plan.is_master,
         "gateway": plan.is_gateway,
         "router": plan.is_router,
-        "hub": is_hub,
-        "clock": gives_time,
     }
     addresses = dict.fromkeys(str(address) for address in (plan.address, plan.common_address) if address)
-    duty = " ".join(duty for duty in duties if duties[duty]) or "computer"
+    own = [duty for duty in duties if duties[duty]] + [part.duty for part in plan.features.values() if part.duty]
+    duty = " ".join(own) or "computer"
     lines = ("sealed" if plan.sealed else duty, *addresses)
     return _Device(plan.computer, lines, f"{plan.computer}: {', '.join(lines)}")
 
@@ -145,7 +142,7 @@ class _Picture:
         ways = {"both": "multicast and unicast"}.get(fleet.transport, fleet.transport)
         if row:
             return f"{fleet.common_network}, the same network"
-        kind = "tunnel" if any(plan.tunnel for plan in fleet.computers.values()) else "common network"
+        kind = next((plan.carrier for plan in fleet.computers.values() if plan.carrier), "common network")
         return f"{kind} {fleet.common_network}; discovery by {ways}, {fleet.multicast_group}:{fleet.multicast_port}"
 
     def _router(self, y: int) -> int:

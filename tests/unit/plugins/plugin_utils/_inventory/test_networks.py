@@ -11,6 +11,8 @@ import re
 import pytest
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._features.tunnel.model import Tunnel
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._features.tunnel.variables import EndpointVariables
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import contradictions
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read as fleet_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.variables import FleetVariables, make
@@ -521,9 +523,11 @@ def test_each_computer_has_the_same_place_in_both():
         ARM: "192.168.29.2",
     }
     assert str(tunnel_fleet().variables.common_network) == "10.77.0.0/24"
-    ends = {name: str(computer.variables.endpoint) for name, computer in computers.items()}
+    ends = {name: str(EndpointVariables.read(computer.variables).endpoint) for name, computer in computers.items()}
     assert ends == {ANA: "192.168.28.21", BOB: "192.168.28.22", GATE: "192.168.28.24", ARM: "None"}
-    (peer,) = [of for of in plan_module.fleet_plan(tunnel_fleet()).computers[ANA].tunnel.peers if of.computer == GATE]
+    (peer,) = [
+        of for of in Tunnel.find(plan_module.fleet_plan(tunnel_fleet()).computers[ANA]).peers if of.computer == GATE
+    ]
     assert list(map(str, peer.networks)) == ["10.77.0.24/32", "192.168.29.0/24"]
     assert str(peer.endpoint) == "192.168.28.24"
 
@@ -531,7 +535,10 @@ def test_each_computer_has_the_same_place_in_both():
 def test_a_given_endpoint_counts_and_none_is_none():
     changes = {ANA: {"multimaster_endpoint": "203.0.113.7"}, BOB: {"multimaster_endpoint": "none"}}
     ana, bob, *_others = tunnel_fleet(changes).computers
-    assert str(ana.variables.endpoint) == "203.0.113.7" and bob.variables.endpoint is None
+    assert (
+        str(EndpointVariables.read(ana.variables).endpoint) == "203.0.113.7"
+        and EndpointVariables.read(bob.variables).endpoint is None
+    )
     assert str(bob.address) == "10.77.0.22"
 
 
@@ -539,7 +546,7 @@ def test_without_a_tunnel_network_the_addresses_are_those_given():
     ana, *_others = tunnel_fleet(
         {ANA: {"multimaster_endpoint": "10.0.0.1"}}, multimaster_tunnel="none", multimaster_tunnel_network=None
     ).computers
-    assert str(ana.address) == "192.168.28.21" and str(ana.variables.endpoint) == "10.0.0.1"
+    assert str(ana.address) == "192.168.28.21" and str(EndpointVariables.read(ana.variables).endpoint) == "10.0.0.1"
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import subprocess
 import sys
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.features import FEATURES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Setting
@@ -111,8 +112,7 @@ def test_a_machine_like_its_plan():
         multicast_routing_due=False,
         firewall_due=False,
         nft_missing=False,
-        clock_due=False,
-        tunnel_due=False,
+        features_due={f"{feature.name}_due": False for feature in FEATURES},
     )
     assert compare() == preflight.Comparison((), (), plan, preflight.MachineState())
 

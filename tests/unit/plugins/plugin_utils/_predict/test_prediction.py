@@ -201,5 +201,5 @@ def test_the_module_names_each_kind_of_packets():
     module = pathlib.Path(__file__).resolve().parents[5] / "plugins/modules/fleet_predict.py"
     said = re.search(r"traffic:\n +description: (.+)\n", module.read_text(encoding="utf-8"))
     assert said and re.findall(r"V\(([^)]+)\)", said[1]) == [
-        row.name for row in (*prediction.TRAFFIC, *prediction.DECLARED)
+        row.name for row in (*prediction.TRAFFIC, *prediction.list_declared())
     ]

@@ -1,0 +1,15 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""What the optional features read of a machine, a row for each. The module multimaster_info has all of them."""
+
+import typing
+
+from .._probe.facts.part import Part
+from .clock.facts import FACT as CLOCK
+from .tunnel.facts import FACT as TUNNEL
+
+FACTS: typing.List[Part] = [
+    CLOCK,
+    TUNNEL,
+]

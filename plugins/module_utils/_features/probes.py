@@ -1,0 +1,20 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""What the optional features measure in a verification, a row for each. The module multimaster_verify has all of them."""
+
+import typing
+
+from .._probe.part import Part, Settling
+from .clock.probe import PROBE as CLOCK
+from .tunnel.probe import PROBE as TUNNEL
+from .tunnel.probe import SETTLING as TUNNEL_SETTLING
+
+PROBES: typing.List[Part] = [
+    CLOCK,
+    TUNNEL,
+]
+#: what is waited for before others measure through it
+SETTLINGS: typing.List[Settling] = [
+    TUNNEL_SETTLING,
+]

@@ -1,0 +1,24 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""What a tunnel of WireGuard needs of this machine."""
+
+import os
+import typing
+
+from ..._base.commands import text
+from ..._probe.facts.part import Part
+
+
+def tunnel(root: str = "/") -> typing.Dict[str, bool]:
+    """Say whether the kernel has WireGuard, and whether there is a device for tunnels of programs (modules.dep(5))."""
+    modules = os.path.join(root, "lib/modules", os.uname().release)
+    known = (text(os.path.join(modules, name), 1 << 24) for name in ("modules.dep", "modules.builtin"))
+    loaded = os.path.isdir(os.path.join(root, "sys/module/wireguard"))
+    return {
+        "kernel": loaded or any("/wireguard.ko" in content for content in known),
+        "device": os.path.exists(os.path.join(root, "dev/net/tun")),
+    }
+
+
+FACT = Part("tunnel", tunnel, 5, {"kernel": True, "device": True})

@@ -1,0 +1,30 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The form of a part of a verification."""
+
+import typing
+
+
+class Part(typing.NamedTuple):
+    """A part of the result: its key, the function that looks, and the value where it cannot look."""
+
+    name: str
+    look: typing.Callable[..., typing.Any]
+    default: typing.Any
+    # Those of `look`: names of options, `params` for all of them, `ros`, and `deadline` (monotonic seconds).
+    arguments: typing.Tuple[str, ...] = ()
+    runs_commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
+    on_router: bool = False  # the router of the common network has it, too
+    # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
+    # is there, and a robot's other computers would only ask the same roscore.
+    final: bool = False
+    # It measures for some seconds, with the others of the fleet or alone, so all else goes on meanwhile.
+    shared: bool = False
+
+
+class Settling(typing.NamedTuple):
+    """Something that this run may have disturbed, and that is waited for: the state before it, and the wait."""
+
+    note: typing.Callable[[], typing.Any]
+    wait: typing.Callable[[typing.Any], None]  # for what has settled since that state

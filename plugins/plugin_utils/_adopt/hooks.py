@@ -1,0 +1,24 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What an optional feature finds on machines that somebody set up by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from .proposal import Choices
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+
+@dataclass(frozen=True)
+class AdoptHooks:
+    """The functions of a feature: what it reads of a machine, and the variables that it proposes for the fleet."""
+
+    #: by the answer of multimaster_info, which may have any values; it raises LookupError, TypeError or ValueError
+    read: Callable[[Mapping[str, Any]], Any]
+    choose: Callable[[Scene], Choices]

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The check of the time that a computer follows, where the fleet has a source of time."""
+
+from __future__ import annotations
+
+from ..._base.sentences import shorten_list
+from ..._verify.checks.discovery_nodes import rate_offset
+from ..._verify.checks.engine import FAILED, OK, Check, Judgement
+from ..._verify.checks.hooks import CheckHooks
+from ..._verify.context import needs
+from ..._verify.context.case import Case
+from ..._verify.context.needs import Parts, make_parts
+from ..._verify.observe.observations import TimeSource
+from .model import Clock
+
+
+def _is_asked(case: Case) -> bool:
+    return (
+        case.observer.is_probed and Clock.find(case.observer.plan) is not None and case.probe.clock.answers is not None
+    )
+
+
+def _find_own(case: Case, clock: Clock) -> TimeSource | None:
+    """Return the planned source, if the computer asks it."""
+    return next((source for source in case.probe.clock.sources if source.address == str(clock.server)), None)
+
+
+def _list_strange(case: Case, clock: Clock) -> list[str]:
+    """List the addresses that the clock follows instead of the planned one."""
+    followed = [source.address for source in case.probe.clock.sources if source.selected]
+    others = [address for address in followed if address != str(clock.server)]
+    return others or ([] if _find_own(case, clock) else ["nobody"])
+
+
+def list_parts(case: Case, computer: str) -> Parts:
+    """List what keeps a computer from the fleet's time, where it has one."""
+    plan = case.fleet.computers.get(computer)
+    clock = Clock.find(plan) if plan else None
+    if clock is None:
+        return frozenset()
+    return make_parts("time_source", computer, "none", "wrong") | make_parts(
+        "time_source", clock.source, "none", "mute"
+    )
+
+
+def _silence(case: Case) -> Parts:
+    """The source does not answer: its chrony, or something on the way."""
+    clock = Clock.find(case.observer.plan)
+    if clock is None:
+        return frozenset()
+    return make_parts("time_source", clock.source, "none", "mute") | needs.way(case, case.observer.name, clock.source)
+
+
+def _needs(case: Case) -> Parts:
+    """A source that runs says nothing of its answers."""
+    clock, name = Clock.find(case.observer.plan), case.observer.name
+    if clock is None or clock.server is None:
+        return make_parts("time_source", name, "none")
+    return list_parts(case, name) | _silence(case)
+
+
+@Check(
+    title="its clock follows the source of the fleet's time",
+    when=_is_asked,
+    of_site=True,
+    needs=_needs,
+    suspects=_silence,
+)
+def _judge_time_source(case: Case) -> Judgement | None:
+    clock, name = Clock.find(case.observer.plan), case.observer.name
+    if clock is None:
+        return None
+    expected = f"it follows {clock.source} ({clock.server})" if clock.server else "a time service that answers"
+    if not case.probe.clock.answers:
+        return Judgement(FAILED, expected, "no time service answers", make_parts("time_source", name, "none"))
+    if clock.server is None:
+        return Judgement(OK, expected, case.probe.clock.service)
+    strange, own = _list_strange(case, clock), _find_own(case, clock)
+    if strange or own is None:
+        parts = make_parts("time_source", name, "wrong", what=shorten_list(strange))
+        return Judgement(FAILED, expected, f"it follows {shorten_list(strange)}", parts)
+    if not own.reachable or not own.selected:
+        return Judgement(
+            FAILED, expected, "it does not answer" if not own.reachable else "it answers, and is not followed"
+        )
+    found = "it does" if own.offset_s is None else f"{own.offset_s:+.4f} s"
+    return Judgement(rate_offset(abs(own.offset_s or 0.0)), expected, found, make_parts("clock", name, "off"))
+
+
+HOOKS = CheckHooks(
+    checks=(_judge_time_source,), after="network", offset_checks=("time_source",), list_clock_parts=list_parts
+)

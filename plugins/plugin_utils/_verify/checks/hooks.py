@@ -1,0 +1,25 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What an optional feature adds to the checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..context.case import Case
+from ..context.needs import Parts
+from .engine import Check
+
+
+@dataclass(frozen=True)
+class CheckHooks:
+    """The checks of a feature. Only an earlier check can explain a later one: theirs stand behind those of a file of the core."""
+
+    checks: tuple[Check, ...]
+    after: str  # the name of that file
+    #: those of them that find by how many seconds a clock is off
+    offset_checks: tuple[str, ...] = ()
+    #: what the clock of a computer depends on, where the feature keeps it right
+    list_clock_parts: Callable[[Case, str], Parts] = lambda case, computer: frozenset()
