@@ -555,8 +555,8 @@ exchange:
   sample: {error: '', types_error: '', topics: [{name: /odom, type: nav_msgs/Odometry, publishers: [/base], subscribers: [],
           md5sum: cd5e73d190d741a2f92e81eda573aca7}], services: [{name: /base/reset, node: /base}], imports: [{master: 'http://kobuki2computer:11311/',
           topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}], services: []}],
-      silent: [], silences: [], announced: [{node: /odom_pub, host: 127.0.0.1, port: 41233, services: ''}], nodes: {
-        registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}, connections: [{node: /base, topic: /goal,
+      silent: [], silences: [], announced: [{node: /odom_pub, host: 127.0.0.1, port: 41233, addresses: [], services: ''}],
+      nodes: {registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}, connections: [{node: /base, topic: /goal,
           direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}]}
   contains:
     error: {description: 'Why it could not be read, or empty.', returned: always, type: str}

@@ -50,7 +50,7 @@ def add(ros, computer, exchange):
         topics=(*exchange.topics, *(seen.RegisteredTopic(f"/people{one.name}", "", (one.name,)) for one in nodes)),
         silent=(*exchange.silent, *(entry.node for entry in silences)),
         silences=(*exchange.silences, *silences),
-        announced=tuple(seen.AnnouncedHost(one.name, one.host, places[one], one.services) for one in odd),
+        announced=tuple(seen.AnnouncedHost(one.name, one.host, places[one], services=one.services) for one in odd),
     )
 
 

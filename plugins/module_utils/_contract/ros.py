@@ -153,6 +153,9 @@ class AnnouncedHost(Struct):
     node: str = field("The node.", "/odom_pub", needed=True)
     host: str = field("The host in its URI.", "127.0.0.1")
     port: int = field("The port in its URI, 0 without one.", 41233)
+    addresses: typing.Tuple[str, ...] = field(
+        "What that host means on the computer of the roscore, if it is a name.", []
+    )
     services: str = field(
         "The host of its services, if that is another computer than the one of the node; else empty.", ""
     )

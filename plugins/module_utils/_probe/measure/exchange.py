@@ -70,12 +70,19 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
         topic["md5sum"] = sums.get(topic["type"], "")
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
-    found["announced"] = node_hosts.announced(nodes, _service_uris(ros, nodes, tables[2]), members, own)
+    found["announced"] = _resolve(node_hosts.announced(nodes, _service_uris(ros, nodes, tables[2]), members, own))
     found["connections"], silent, asked = _connections(_sample(nodes), named, Places(members), own)
     found["nodes"] = {"registered": len(nodes), "asked": asked, "hosts": node_hosts.count_hosts(nodes)}
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
     found["silences"] = [dict(silent[node], node=node, host=read_host(nodes[node])) for node in found["silent"]]
     return found
+
+
+def _resolve(rows: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Add what the hosts of nodes mean here: a name that the plan does not have may lead to its computer all the same."""
+    names = sorted({row["host"] for row in rows if not network.is_address(row["host"])})
+    found = dict(zip(names, call_all(network.resolve, names, NAMES, lambda name: ([], ""))))
+    return [dict(row, addresses=found.get(row["host"], ([], ""))[0]) for row in rows]
 
 
 def _sample(nodes: typing.Dict[str, str]) -> typing.Dict[str, str]:

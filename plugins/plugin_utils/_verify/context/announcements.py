@@ -136,9 +136,10 @@ def find_misplaced(fleet: FleetPlan, probes: Mapping[str, Probe]) -> dict[str, d
             continue
         robot = fleet.computers[name].robot
         for row in probe.exchange.announced:
-            one = _locate(seen, name, row)
-            if not row.node.startswith(TEST_NODES) and not _is_guest(one, fleet.belonging):
-                found.setdefault(robot, {})[row.node] = one._replace(refused=seen.find_refusers(robot, row.node))
+            one = _locate(seen, name, row)._replace(refused=seen.find_refusers(robot, row.node))
+            is_fine = _is_guest(one, fleet.belonging) or (one.mode == "name" and _leads_home(one, row, seen, robot))
+            if not row.node.startswith(TEST_NODES) and not is_fine:
+                found.setdefault(robot, {})[row.node] = one
     return found
 
 
@@ -169,6 +170,13 @@ def _is_guest(one: Misplaced, belonging: Membership) -> bool:
     except ValueError:
         return False
     return belonging.strangers == "allow" or any(address in network for network in belonging.allow)
+
+
+def _leads_home(one: Misplaced, row: AnnouncedHost, seen: _Fleet, robot: str) -> bool:
+    """Say if another name, such as one that mDNS knows, leads to a computer of the robot, and no other robot refuses the node."""
+    at = {seen.at.get(address, "") for address in row.addresses}
+    own = {name for name, plan in seen.fleet.computers.items() if plan.robot == robot}
+    return bool(at) and at <= own and not one.refused and not one.process.master
 
 
 def _locate(seen: _Fleet, master: str, row: AnnouncedHost) -> Misplaced:

@@ -152,6 +152,11 @@ def test_a_node_that_hangs_is_told_from_one_that_has_ended(monkeypatch, listens,
     assert answer.error and (answer.outcome.value, answer.tcp_outcome.value) == (outcome, tcp)
 
 
+def test_names_of_hosts_are_told_with_what_they_mean_here():
+    rows = exchange._resolve([{"host": host} for host in ("localhost", "10.9.8.7", "nobody.invalid", "x" * 300)])
+    assert [row["addresses"] for row in rows] == [["127.0.0.1"], [], [], []]
+
+
 def test_of_thousands_of_nodes_some_are_asked():
     nodes = {f"/node{number}": "http://127.0.0.1:1/" for number in range(2500)}
     asked = exchange._sample(nodes)

@@ -12,8 +12,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     AnnouncedHost,
     ForwardingInterface,
     NodeHost,
+    Refusal,
 )
-from fleets import TWO, fig12, observed, plan, update
+from fleets import TWO, fig12, observed, of, plan, update
 
 MASTER, INNER = "tibi-visio", "tibi-nav"
 OTHER, OTHER_INNER = "dabo-nav", "dabo-visio"
@@ -106,7 +107,7 @@ def test_the_name_of_another_robots_computer_by_a_process_here_is_a_wrong_name()
 
 
 def test_services_elsewhere_are_told():
-    found, _strays = _find(AnnouncedHost(NODE, INNER, PORT, "127.0.0.1"))
+    found, _strays = _find(AnnouncedHost(NODE, INNER, PORT, services="127.0.0.1"))
     assert (found.mode, found.computer) == ("services", INNER)
     assert f"announces {INNER}, and 127.0.0.1 for its services" in str(found)
 
@@ -135,3 +136,26 @@ def test_a_strange_interface_costs_nothing(address):
     strange = ForwardingInterface("x", (address,), prefixes=(1 << 70,))
     found, _strays = _find(AnnouncedHost(NODE, "172.17.0.1", PORT), (), interfaces={INNER: [strange]})
     assert found.mode == "address"
+
+
+@pytest.mark.parametrize(
+    ("addresses", "refused", "is_told"),
+    [
+        (("192.168.11.100",), False, False),  # that of tibi-nav
+        (("192.168.11.100",), True, True),  # another robot does not know the name
+        (("192.168.10.100",), False, True),  # that of a computer of dabo
+        (("127.0.1.1",), False, True),
+        ((), False, True),
+    ],
+)
+def test_another_name_that_leads_home_everywhere_is_fine(addresses, refused, is_told):
+    fleet = fig12()
+    seen = observed(fleet)
+    announced = AnnouncedHost(NODE, "tibi-nav.local", PORT, addresses)
+    update(seen[MASTER].probe.exchange, announced=[announced])
+    if refused:
+        refusal = Refusal(NODE, "place", "http://tibi-nav.local:41233/", MASTER, "it is no computer of tibi")
+        update(of(seen[OTHER].probe.services, "sync"), refusals=[refusal])
+    found = find_misplaced(fleet, {name: one.probe for name, one in seen.items()})
+    assert bool(found) is is_told
+    assert not refused or found["tibi"][NODE].refused == ("dabo",)
