@@ -34,7 +34,7 @@ class Misplaced(NamedTuple):
     computer: str  # where it runs; its robot if that is not known
     process: NodeHost = UNREAD
     detail: str = ""  # the interface of the host, the robot at whose roscore it is, or the host of its services
-    refused: tuple[str, ...] = ()  # the robots whose sync nodes refuse it
+    refused: tuple[tuple[str, str], ...] = ()  # the robots whose sync nodes refuse it, each with its reason
 
     def __str__(self) -> str:
         return f"{self.node} {self._deed}{self._origin}{self._refusal}"
@@ -61,7 +61,7 @@ class Misplaced(NamedTuple):
 
     @property
     def _refusal(self) -> str:
-        return f" (refused by {shorten_list(self.refused, NAMED)})" if self.refused else ""
+        return f" (refused by {shorten_list((robot for robot, _why in self.refused), NAMED)})" if self.refused else ""
 
     @property
     def part(self) -> Part:
@@ -88,19 +88,16 @@ class _Fleet:
             (name, process) for name in computers if name in self.probes for process in self.probes[name].node_hosts
         ]
 
-    def find_refusers(self, robot: str, node: str) -> tuple[str, ...]:
-        """Name the robots whose sync nodes refuse the place of a robot's node."""
-        return tuple(
-            sorted(
-                {
-                    self.fleet.computers[name].robot
-                    for name, probe in self.probes.items()
-                    for service in probe.services
-                    for row in service.refusals
-                    if row.kind == "place" and row.name == node and self.masters.get(row.master) == robot
-                }
-            )
-        )
+    def find_refusers(self, robot: str, node: str) -> tuple[tuple[str, str], ...]:
+        """Name the robots whose sync nodes refuse the place of a robot's node, each with its reason."""
+        reasons = {
+            self.fleet.computers[name].robot: row.here
+            for name, probe in self.probes.items()
+            for service in probe.services
+            for row in service.refusals
+            if row.kind == "place" and row.name == node and self.masters.get(row.master) == robot
+        }
+        return tuple(sorted(reasons.items()))
 
     def find_interface(self, computers: Iterable[str], address: str) -> tuple[str, str]:
         """Find the computer and the interface that has an address, or, as that of a bridge of containers, a network with it."""

@@ -72,7 +72,7 @@ def _make_row(one: Misplaced, robot: str, silence: str) -> Row:
         "started_by": _describe_start(one.process),
         "roscore": robot or one.process.master,
         "answers": silence,
-        "refused_by": list(one.refused),
+        "refused_by": dict(one.refused),
         "mode": one.mode,
     }
 

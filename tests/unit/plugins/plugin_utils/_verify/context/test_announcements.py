@@ -158,4 +158,4 @@ def test_another_name_that_leads_home_everywhere_is_fine(addresses, refused, is_
         update(of(seen[OTHER].probe.services, "sync"), refusals=[refusal])
     found = find_misplaced(fleet, {name: one.probe for name, one in seen.items()})
     assert bool(found) is is_told
-    assert not refused or found["tibi"][NODE].refused == ("dabo",)
+    assert not refused or found["tibi"][NODE].refused == (("dabo", "it is no computer of tibi"),)
