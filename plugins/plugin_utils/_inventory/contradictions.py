@@ -43,6 +43,7 @@ def find_contradictions(fleet: Fleet, inventory: Inventory) -> Iterator[str]:
     yield from _find_crossing_parameters(parties, list(robots))
     yield from _find_meeting_names(declarers, list(robots))
     yield from _find_wrong_ways_back(parties)
+    yield from _find_lost_ways_back(parties)
     yield from _find_second_white_lists(declarers)
     yield from _find_filtered_exports(parties)
     yield from find_excluded_strangers(fleet.variables)
@@ -270,6 +271,33 @@ def _find_wrong_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
                         f"{party.host}: multimaster_exports has {second} at 'back' for {other.name} in two entries; expected it in one, since "
                         f"one name of {other.name} would be lost: take it out of the other in {party.file}."
                     )
+
+
+def _find_lost_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
+    """Yield a sentence for a topic that goes to a robot by the border, and comes back from it by its own declaration alone.
+
+    What a border takes across is left out of the ordinary exchange, so it would be lost without a word. A pattern names no topic: all
+    that a station has for a robot, `/kobuki1/*`, has what came from there in it.
+    """
+    for party, other in itertools.permutations(parties.values(), 2):
+        returned = dict.fromkeys(
+            name
+            for entry in other.entries
+            if not entry.crosses_border and party.name in other.receivers(entry, (party.name,))
+            for name in entry.given_topics
+            if "*" not in name
+        )
+        ways = [entry for entry in party.entries if entry.crosses_border and party.receivers(entry, (other.name,))]
+        named = [entry.rename(name) for entry in ways for name in entry.back + topics_of(entry.actions, FROM_CLIENT)]
+        for name in (name for name in returned if not matches(named, name)):
+            given = (entry.rename(topic) for entry in ways for topic in entry.given_topics)
+            meeting = next((topic for topic in given if matches([topic], name)), "")
+            if meeting:
+                yield (
+                    f"{party.host}: multimaster_exports gives {meeting} to {other.name} by the border, and that of {other.name} gives {name} to "
+                    f"{party.name}, which is lost, since it is not at 'back'; expected it there, or another name: add it to 'back' of the "
+                    f"entry in {party.file}, or take it out of multimaster_exports in {other.file}."
+                )
 
 
 def _list_receivers(party: Robot) -> Iterator[str]:

@@ -40,10 +40,12 @@ _LONGEST = 255
 _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
 # What makes an entry one of the border, which renames topics and keeps their rate.
-OF_BORDER = ("as", "rate", "newest", "frames")
+OF_BORDER = ("as", "rate", "newest", "frames", "whole")
 _PREFIX = re.compile(r"(?:[A-Za-z0-9]+[/_])+")
 DIAGNOSTICS = "/diagnostics"
 FASTEST = 1000.0  # messages a second
+_TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]*/(?:[A-Za-z][A-Za-z0-9_]*|\*)")  # of messages, or all of a package
+MOST_TYPES = 100
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Export:
     rate: float = 0.0  # messages a second of each topic at most; 0: all
     newest: bool = False  # where the link is too slow, only the newest message waits
     frames: str = ""  # in front of the robot's frames, in messages that cross
+    whole: tuple[str, ...] = ()  # types of which each message replaces the one before: they have the rate
 
     @property
     def crosses_border(self) -> bool:
@@ -252,7 +255,21 @@ def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:
         raise UnexpectedValue(f"true or false at 'newest', but there is '{newest}'")
     if "frames" in entry and (not isinstance(frames, str) or not _PREFIX.fullmatch(frames)):
         raise UnexpectedValue(f"a prefix that ends with / or _, such as kobuki1/, at 'frames', but there is '{frames}'")
-    return {"namespace": str(namespace), "rate": float(rate), "newest": newest, "frames": str(frames)}
+    whole = _read_types(entry["whole"], "rate" in entry) if "whole" in entry else ()
+    return {"namespace": str(namespace), "rate": float(rate), "newest": newest, "frames": str(frames), "whole": whole}
+
+
+def _read_types(value: Any, has_rate: bool) -> tuple[str, ...]:
+    """Read the types at 'whole'."""
+    if not has_rate:
+        raise UnexpectedValue("'whole' beside 'rate' alone: it says of which types the newest message is enough")
+    texts = value if isinstance(value, list) else [value]
+    wrong = [text for text in texts if not isinstance(text, str) or not _TYPE.fullmatch(text)]
+    if value != texts or wrong or len(texts) > MOST_TYPES:
+        raise UnexpectedValue(
+            f"a list of at most {MOST_TYPES} types of messages at 'whole', such as [my_msgs/Status] or [my_msgs/*], but there is '{(wrong or [value])[0]}'"
+        )
+    return tuple(texts)
 
 
 #: The value of `multimaster_frames` where something else publishes how the robots' frames hang together.

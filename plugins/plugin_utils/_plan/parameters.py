@@ -59,6 +59,7 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
             "base": channel.entry.base,
             "inner": channel.robot == robot.name,
             "rate": channel.entry.rate,
+            "whole": list(channel.entry.whole),
             "newest": channel.entry.newest,
             **_make_frames(channel.entry.frames, robots[channel.robot]),
         }

@@ -30,7 +30,16 @@ OWN, BAD, FRIEND = "127.0.0.1", "127.0.0.2", "127.0.0.3"
 ROSCORE, ROSCORE_BAD, ROSCORE_FRIEND = "192.168.1.1", "192.168.1.2", "192.168.1.3"
 PORT = 11611
 COMMON = {"strangers": "allow"}
-CHANNEL = {"topics": ["/*"], "services": ["/*"], "back": [], "base": "", "frames": "", "world": "", "root": ""}
+CHANNEL = {
+    "whole": [],
+    "topics": ["/*"],
+    "services": ["/*"],
+    "back": [],
+    "base": "",
+    "frames": "",
+    "world": "",
+    "root": "",
+}
 PROGRAMS = {
     "discovery": ("master_discovery", {"interface": OWN, "rpc_port": PORT}),
     "sync": ("master_sync", {}),

@@ -79,7 +79,7 @@ class Peer:
         empty = dict.fromkeys(("base", "frames", "world", "root"), "")
         names = {"topics": ["/*"], "services": ["/*"], "back": [], "as": f"/{self.name}"}
         place = {"peer": self.name, "hosts": [self.address], "port": self.server.server_address[1]}
-        return {**place, **names, **empty, "inner": False, "rate": 0, "newest": False}
+        return {**place, **names, **empty, "inner": False, "rate": 0, "newest": False, "whole": []}
 
     def member(self):
         own = {"robot": self.name, "name": self.name, "uris": [f"http://{self.address}:11311"], "rpc_port": 11611}

@@ -113,6 +113,7 @@ class Robot:
             "inner": inner,
             "rate": 0,
             "newest": False,
+            "whole": [],
             "frames": "",
             "world": "",
             "root": "",
@@ -298,7 +299,7 @@ def test_a_tree_of_frames_crosses_with_its_root(pair):
 
 @pytest.mark.slow
 def test_a_rate_sends_the_newest_and_costs_no_goal(pair):
-    robot, station = pair({"topics": ["/scan", "/arm/*"], "rate": 5})
+    robot, station = pair({"topics": ["/scan", "/arm/*"], "rate": 5, "whole": ["x/Scan"]})
     nodes = {topic: Node(robot.roscore, "/node" + topic, topic) for topic in ("/scan", "/arm/goal", "/arm/feedback")}
     kinds = {"/arm/goal": "x/ArmActionGoal", "/arm/feedback": "x/ArmActionFeedback", "/scan": "x/Scan"}
     wait_for(lambda: len(station.published()) == 3)

@@ -11,6 +11,7 @@ import time
 
 import pytest
 from rosfleet_multimaster.border.account import Accounts
+from rosfleet_multimaster.border.core.rates import Rate
 from rosfleet_multimaster.border.dial import Dialers
 from rosfleet_multimaster.border.feed import Feed, Origin
 from rosfleet_multimaster.border.wire import MAX_HEADER, Wire
@@ -71,7 +72,7 @@ class Running:
             def greet(wire):
                 if newest:
                     wire.keep_newest()
-                self.feed.add(wire, {"callerid": "/border", "topic": "/k/chatter"}, rate)
+                self.feed.add(wire, {"callerid": "/border", "topic": "/k/chatter"}, Rate(rate))
 
             Wire(
                 self.loop,

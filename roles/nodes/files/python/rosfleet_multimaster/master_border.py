@@ -17,6 +17,7 @@ from .border.board import OfferBoard
 from .border.core import report
 from .border.core.channels import SERVICE, TOPIC, Channel, Own, OwnNodes, find_taken, list_offers, list_own
 from .border.core.frames import STATIC, Frames
+from .border.core.rates import NO_RATE, Rate
 from .border.dial import Dialers, dial_border, dial_node, dial_service, listen
 from .border.feed import Dial, Feed, Fields, Link, Origin
 from .border.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
@@ -412,7 +413,7 @@ class MasterBorder:
             return
         topic, robot = header.get("topic", ""), header.get(ROBOT)
         feed: Optional[Feed]
-        rate = 0.0
+        rate = NO_RATE
         if robot is None and self.display.diagnoses and topic == diagnostics.TOPIC:
             feed = self.diagnostics
         elif robot is None:
@@ -427,7 +428,7 @@ class MasterBorder:
         feed.add(wire, {"callerid": NAME, "topic": topic}, rate)
         self._register()
 
-    def _find_given(self, wire: Wire, robot: str, name: str, node: str) -> Tuple[Optional[Feed], float]:
+    def _find_given(self, wire: Wire, robot: str, name: str, node: str) -> Tuple[Optional[Feed], Rate]:
         """Return what another border wants, and its rate; None where it may not have it."""
         for channel in self._list_channels(robot, wire.address):
             topic = channel.find_local(TOPIC, name, given=True)
@@ -445,7 +446,7 @@ class MasterBorder:
                 if channel.newest:
                     wire.keep_newest()
                 return feed, channel.rate
-        return None, 0.0
+        return None, NO_RATE
 
     def _aim_at_node(self, feed: Feed, topic: str, node: str, frames: Optional[Frames]) -> None:
         uri = self.seen.node_uris.get(node, "")

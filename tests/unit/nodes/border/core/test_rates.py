@@ -10,7 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.border.core.budget import Budget
 from rosfleet_multimaster.border.core.frames import MD5SUM
-from rosfleet_multimaster.border.core.rates import MOST_FRAMES, MOST_HELD, Throttle, TreeThrottle, make_throttle
+from rosfleet_multimaster.border.core.rates import (
+    MOST_FRAMES,
+    MOST_HELD,
+    Rate,
+    Throttle,
+    TreeThrottle,
+    find_unknown,
+    make_throttle,
+)
 
 from tests.unit.nodes.border.ends import message, tree
 
@@ -123,14 +131,42 @@ def test_frames_without_end_are_bounded():
     ],
 )
 def test_messages_that_count_each_have_no_rate(topic, header):
-    throttle = make_throttle(1.0, topic, header)
+    throttle = make_throttle(Rate(1.0), topic, header)
     assert [throttle.take(b"%d" % number, 100.0) for number in range(5)] == [b"%d" % number for number in range(5)]
 
 
 @pytest.mark.parametrize("kind", ["actionlib_msgs/GoalStatusArray", "move_base_msgs/MoveBaseActionFeedback"])
 def test_status_and_feedback_have_the_rate(kind):
-    throttle = make_throttle(1.0, "/move_base/status", {"type": kind})
+    throttle = make_throttle(Rate(1.0), "/move_base/status", {"type": kind})
     assert [throttle.take(b"%d" % number, 100.0) for number in range(3)] == [b"0", None, None]
+
+
+def counts_each(rate, header, topic="/x"):
+    throttle = make_throttle(rate, topic, header)
+    return [throttle.take(b"%d" % number, 100.0) for number in range(3)] == [b"0", b"1", b"2"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "whole", "each", "unknown"),
+    [
+        ("my_maps/CostmapUpdate", (), True, True),
+        ("my_maps/CostmapUpdate", ("other/*", "my_maps/Costmap"), True, True),
+        ("my_maps/CostmapUpdate", ("my_maps/CostmapUpdate",), False, False),
+        ("my_maps/CostmapUpdate", ("my_maps/*",), False, False),
+        ("map_msgs/OccupancyGridUpdate", (), True, False),
+        ("map_msgs/OccupancyGridUpdate", ("map_msgs/*",), False, False),
+        ("diagnostic_msgs/DiagnosticArray", (), True, False),
+        ("sensor_msgs/LaserScan", (), False, False),
+        ("nav_msgs/Odometry", (), False, False),
+        ("my_msgs/DockActionFeedback", (), False, False),
+        ("", (), True, False),
+    ],
+)
+def test_messages_of_a_type_that_nobody_knows_count_each_and_it_is_told(kind, whole, each, unknown):
+    rate, header = Rate(1.0, whole), {"type": kind}
+    assert counts_each(rate, header) is each
+    assert find_unknown(rate, "/x", header) == (kind if unknown else "")
+    assert not find_unknown(rate, "/x", {**header, "latching": "1"}) and not find_unknown(Rate(), "/x", header)
 
 
 class Payer:
@@ -139,7 +175,7 @@ class Payer:
     robot, progress, is_sending, is_stuck = "robot2", 0.0, False, False
 
     def __init__(self, budget, header):
-        self.throttle = make_throttle(0.1, "/x", header, budget)
+        self.throttle = make_throttle(Rate(0.1), "/x", header, budget)
         budget.payers.add(self)
 
     @property

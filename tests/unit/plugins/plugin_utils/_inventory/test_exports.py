@@ -178,6 +178,12 @@ def test_a_declaration_is_read():
         ([{"topics": ["/scan"], "rate": 0}], "messages a second above 0, up to 1000, at 'rate', but there is '0'"),
         ([{"topics": ["/scan"], "rate": True}], "at 'rate', but there is 'True'"),
         ([{"topics": ["/scan"], "rate": 1e9}], "at 'rate'"),
+        ([{"topics": ["/scan"], "whole": ["a/B"]}], "'whole' beside 'rate' alone"),
+        ([{"topics": ["/scan"], "rate": 5, "whole": "a/B"}], "a list of at most 100 types of messages at 'whole'"),
+        (
+            [{"topics": ["/scan"], "rate": 5, "whole": ["a/b/C"]}],
+            "such as [my_msgs/Status] or [my_msgs/*], but there is 'a/b/C'",
+        ),
         ([{"topics": ["/scan"], "newest": 1}], "true or false at 'newest', but there is '1'"),
         (
             [{"services": ["/reset"], "rate": 5}],
@@ -848,6 +854,7 @@ def test_both_sides_of_a_channel_have_the_same_names():
         "base": "",
         "rate": 0.0,
         "newest": False,
+        "whole": [],
         "frames": "",
         "world": "",
         "root": "",
@@ -971,6 +978,32 @@ def test_a_wrong_way_back_is_one_sentence(entries, expected):
     with pytest.raises(fleet_module.InventoryProblems) as found:
         identical(kobuki1=entries, kobuki2=[], station=None)
     assert len(found.value.problems) == 1 and expected in found.value.problems[0], found.value.problems
+
+
+@pytest.mark.parametrize(
+    ("entry", "station", "lost"),
+    [
+        ({"topics": ["/scan"], "rate": 5}, {"topics": ["/scan"]}, "/scan"),
+        ({"topics": ["/sc*"], "rate": 5}, {"topics": ["/scan"]}, "/scan"),
+        ({"topics": ["/scan/*"], "newest": True}, {"topics": ["/scan/front"]}, "/scan/front"),
+        ({"topics": ["/scan"], "as": "/kobuki1"}, {"topics": ["/kobuki1/scan"]}, "/kobuki1/scan"),
+        ({"topics": ["/dock/status"], "rate": 5}, {"actions": ["/dock"]}, "/dock/status"),
+        ({"topics": ["/scan"], "back": ["/scan"], "rate": 5}, {"topics": ["/scan"]}, ""),
+        ({"topics": ["/scan"], "rate": 5}, {"topics": ["/*"]}, ""),
+        ({"topics": ["/scan"], "rate": 5}, {"topics": ["/scan"], "to": ["kobuki2"]}, ""),
+        ({"topics": ["/scan"], "rate": 5}, {"topics": ["/scan"], "rate": 5}, ""),
+        ({"topics": ["/scan"]}, {"topics": ["/scan"]}, ""),
+    ],
+)
+def test_a_topic_that_would_be_lost_on_its_way_back_is_refused(entry, station, lost):
+    """The exchange leaves out what the border takes across, so the station's own /scan never came, and nobody said so."""
+    try:
+        identical(kobuki1=[{"to": ["station"], **entry}], kobuki2=[], station=[{"to": ["kobuki1"], **station}])
+        problems = []
+    except fleet_module.InventoryProblems as found:
+        problems = found.problems
+    assert len(problems) == bool(lost), problems
+    assert all(f"gives {lost} to kobuki1, which is lost" in problem for problem in problems)
 
 
 def test_a_way_back_has_names_of_its_own():

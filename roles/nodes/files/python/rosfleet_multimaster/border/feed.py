@@ -18,7 +18,7 @@ from .account import Account
 from .core.budget import Budget, weigh_fields
 from .core.definition import DefinitionError
 from .core.frames import Change, FramesError, Rewrite, make_rewrite
-from .core.rates import make_throttle
+from .core.rates import NO_RATE, Rate, find_unknown, make_throttle
 from .dial import Dialers
 from .wire import PATIENCE, Wire
 
@@ -28,6 +28,11 @@ AGAIN = (0.2, 1.5)  # seconds until a publisher that does not answer is asked ag
 
 Fields = Dict[str, str]
 Dial = Callable[[], Any]  # makes a connection to a publisher. It may block, and raises OSError or ValueError.
+
+
+def ask_for(node: str, topic: str) -> Fields:
+    """Return the header with which a node asks for a topic."""
+    return {"callerid": node, "topic": topic, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}
 
 
 class Link(NamedTuple):
@@ -80,7 +85,7 @@ class _Source:
 class _Sink:
     """Somebody who listens."""
 
-    def __init__(self, wire: Wire, answer: Fields, rate: float) -> None:
+    def __init__(self, wire: Wire, answer: Fields, rate: Rate) -> None:
         self.wire, self.answer, self.rate = wire, answer, rate
         self.md5sum = ""  # that it was told; empty before it has its header
 
@@ -137,7 +142,7 @@ class Feed:
             else:
                 self._open(sink)
 
-    def add(self, wire: Wire, answer: Fields, rate: float = 0.0) -> None:
+    def add(self, wire: Wire, answer: Fields, rate: Rate = NO_RATE) -> None:
         """Have messages go to a connection. `answer`: the fields of our header that are not the publisher's."""
         self._sinks[wire] = sink = _Sink(wire, answer, rate)
         self._open(sink)
@@ -357,6 +362,12 @@ class Feed:
         sink.wire.say(encode_header({**fields, **sink.answer, "latching": "1" if latching else "0"}))
         sink.md5sum = header["md5sum"]
         sink.wire.throttle = make_throttle(sink.rate, self.topic, header, self._budget)
+        unknown = find_unknown(sink.rate, self.topic, header)
+        if unknown:
+            text = f"{quote(self.topic)} crosses without its rate: it is not known that a message of {quote(unknown)} replaces the one before"
+            self._limited.say(
+                "warning", f"rate {self.topic}", f"{text}; if it does, have 'whole: [{plain(unknown)}]' beside 'rate'"
+            )
         latched = [] if self._own is None else [self._own[1]]
         for message in (*latched, *(of.latched for of in same if of.latched is not None)):
             self._send(sink, message, monotonic())
@@ -372,3 +383,6 @@ class Feed:
             sink.wire.say(encode_header({"error": text}))
             sink.wire.end("it asks for another definition of the messages")
         return found
+
+
+MakeFeed = Callable[[str, bool], Feed]  # of a topic; whether it has one publisher

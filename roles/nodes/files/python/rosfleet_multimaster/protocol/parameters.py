@@ -248,6 +248,7 @@ _CHANNEL: Mapping[str, str] = {
     "base": "text",
     "inner": "flag",
     "rate": "seconds",
+    "whole": "texts",  # types, and packages (x/*), of which each message replaces the one before
     "newest": "flag",
     "frames": "text",  # in front of those of the robot with the inner names; empty: none is changed
     "world": "text",  # a frame of all, below which that robot's root lies; empty: the border says nothing of it

@@ -14,6 +14,7 @@ from ...protocol.graph import NAME, VISIBLE
 from ...protocol.members import host_of
 from ...protocol.messages import NodeKey
 from .frames import STATIC, STATIC_TYPE, Frames
+from .rates import NO_RATE, Rate
 
 MOST_OFFERS = 1000  # of one peer
 MOST_NODES, MOST_OF_ALL = (
@@ -44,7 +45,7 @@ class Channel(NamedTuple):
     namespace: str  # such as /kobuki1; empty: the names are the same on both
     inner: bool  # the inner names are those of this robot
     base: str = ""  # the beginning of inner names that the namespace replaces
-    rate: float = 0.0  # messages a second of each topic; 0: all
+    rate: Rate = NO_RATE  # of each topic
     newest: bool = False  # only the newest message waits for a slow link
     frames: Optional[Frames] = None  # of the robot with the inner names, where the others have them by other names
 
@@ -61,7 +62,7 @@ class Channel(NamedTuple):
             namespace=entry["as"],
             inner=entry["inner"],
             base=entry["base"],
-            rate=entry["rate"],
+            rate=Rate(entry["rate"], tuple(entry["whole"])),
             newest=entry["newest"],
             frames=Frames(*(entry[name].encode() for name in ("frames", "world", "root"))) if entry["frames"] else None,
         )

@@ -1,9 +1,13 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A rate of messages: at most so many a second leave, each the newest. A rate costs no message that says what no other one says."""
+"""A rate of messages: at most so many a second leave, each the newest. A rate costs no message that says what no other one says.
+
+So it is for messages of which each replaces the one before. Of some types that is known, of others the user says it; messages
+of any other type count each.
+"""
 
 import struct
-from typing import Dict, Iterator, Mapping, Optional, Sequence, Tuple, Union
+from typing import Collection, Dict, Iterator, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from .budget import Budget
 from .frames import MD5SUM, STATIC
@@ -17,9 +21,44 @@ _FRAME = 400  # bytes of memory of a frame beside its name
 EACH = {
     *("actionlib_msgs/GoalID", "map_msgs/OccupancyGridUpdate", "map_msgs/PointCloud2Update", "rosgraph_msgs/Log"),
     *("theora_image_transport/Packet", "visualization_msgs/InteractiveMarkerUpdate"),
-    *("visualization_msgs/Marker", "visualization_msgs/MarkerArray"),
+    *("visualization_msgs/Marker", "visualization_msgs/MarkerArray", "diagnostic_msgs/DiagnosticArray"),
 }
 EACH_ENDS = ("ActionGoal", "ActionResult")  # of the types of any action
+#: types of which each message replaces the one before, and packages of such types
+WHOLE = {
+    *("actionlib_msgs/GoalStatusArray", "rosgraph_msgs/Clock", "map_msgs/ProjectedMap", "costmap_2d/VoxelGrid"),
+    *("gazebo_msgs/ModelStates", "gazebo_msgs/LinkStates", "grid_map_msgs/GridMap", "octomap_msgs/Octomap"),
+    *(
+        "sensor_msgs/*",
+        "geometry_msgs/*",
+        "nav_msgs/*",
+        "std_msgs/*",
+        "stereo_msgs/*",
+        "trajectory_msgs/*",
+        "ackermann_msgs/*",
+    ),
+    *("tf/*", "tf2_msgs/*"),
+}
+WHOLE_END = "ActionFeedback"
+
+
+class Rate(NamedTuple):
+    """What an entry says of a rate."""
+
+    hertz: float = 0.0  # messages a second; 0: all
+    whole: Tuple[str, ...] = ()  # further types, and packages (x/*), of which each message replaces the one before
+
+
+NO_RATE = Rate()
+
+
+def is_known(kind: str) -> bool:
+    """True for a type of which it is known whether each message counts."""
+    return _is_listed(kind, WHOLE) or kind in EACH or kind.endswith((WHOLE_END, *EACH_ENDS))
+
+
+def _is_listed(kind: str, types: Collection[str]) -> bool:
+    return kind in types or f"{kind.partition('/')[0]}/*" in types
 
 
 class Throttle:
@@ -168,12 +207,21 @@ class TreeThrottle:
 AnyThrottle = Union[Throttle, TreeThrottle]
 
 
-def make_throttle(rate: float, topic: str, header: Mapping[str, str], budget: Optional[Budget] = None) -> AnyThrottle:
+def make_throttle(rate: Rate, topic: str, header: Mapping[str, str], budget: Optional[Budget] = None) -> AnyThrottle:
     """Return the throttle for a publisher's messages, by its header: what is latched, and what counts each, has no rate."""
-    kind = header.get("type", "")
-    if header.get("latching") == "1" or topic == STATIC or kind in EACH or kind.endswith(EACH_ENDS):
+    kind, hertz = header.get("type", ""), rate.hertz
+    if header.get("latching") == "1" or topic == STATIC:
         return Throttle(0.0)
-    return TreeThrottle(rate, budget) if rate and header.get("md5sum") == MD5SUM else Throttle(rate, budget)
+    if not _is_listed(kind, rate.whole) and not _is_listed(kind, WHOLE) and not kind.endswith(WHOLE_END):
+        return Throttle(0.0)
+    return TreeThrottle(hertz, budget) if hertz and header.get("md5sum") == MD5SUM else Throttle(hertz, budget)
+
+
+def find_unknown(rate: Rate, topic: str, header: Mapping[str, str]) -> str:
+    """Return the type of a publisher's messages that cross without their rate, since nobody knows whether each counts; empty for any other."""
+    kind = header.get("type", "")
+    is_free = not rate.hertz or header.get("latching") == "1" or topic == STATIC
+    return "" if is_free or is_known(kind) or _is_listed(kind, rate.whole) else kind
 
 
 def _split(message: bytes) -> Iterator[Tuple[bytes, bytes]]:
