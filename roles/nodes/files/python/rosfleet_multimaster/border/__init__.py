@@ -5,12 +5,15 @@
 __all__ = (
     "account",
     "board",
-    "calls",
-    "core",
     "diagnostics",
     "dial",
+    "entrance",
     "feed",
+    "given",
     "node",
+    "overview",
+    "parties",
     "peers",
+    "taken",
     "wire",
 )
