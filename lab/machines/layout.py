@@ -141,7 +141,7 @@ def _interfaces(ports: Sequence[Port], gateways: Mapping[Network, str]) -> Itera
 
 
 def wants_packages(variables: Iterable[Mapping[str, Any]]) -> bool:
-    """Say if site.yml needs packages that the computers of a demonstration do not have: chrony, or WireGuard."""
+    """Return True if site.yml needs packages that the computers of a demonstration do not have: chrony, or WireGuard."""
     return any(own.get("multimaster_clock") or own.get("multimaster_tunnel", "none") != "none" for own in variables)
 
 

@@ -50,14 +50,14 @@ def stop(lab, attack: Attack) -> int:
     return int(lab.run(attack.stranger, f"cat /run/{FORGER}.out"))
 
 
-def count(lab, attack: Attack, deeds: Iterable[Callable[[], object]]) -> collections.Counter:
+def count(lab, attack: Attack, actions: Iterable[Callable[[], object]]) -> collections.Counter:
     """Let things happen to the target during the attack. Returns how many came by their text, and how often all were sent as "rounds"."""
     hear(lab, attack.target)
     try:
         send(lab, attack)
         lab.run(attack.target, "sleep 1")
-        for deed in deeds:
-            deed()
+        for action in actions:
+            action()
         lab.run(attack.target, "sleep 0.5")
         rounds = stop(lab, attack)
     finally:

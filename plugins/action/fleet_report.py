@@ -109,7 +109,7 @@ def report_unwritable(problem: OSError, path: str, *, is_asked: bool) -> None:
 
 
 def is_each_wanted(option: object) -> bool:
-    """Say if each finding is an item of its own, as a callback shows it."""
+    """Return True if each finding is an item of its own, as a callback shows it."""
     return option == "always" or (option == "auto" and has_callbacks())
 
 

@@ -46,7 +46,7 @@ def agreement(recorded: Mapping[str, Any]) -> Agreement:
 
 
 def _another_filter(way: Way, states: Mapping[Way, str]) -> bool:
-    """Say if a packet filter counts: large packets are predicted as those of nodes, and measured as pings."""
+    """Return True if a packet filter counts: large packets are predicted as those of nodes, and measured as pings."""
     traffic, one, other = way
     return traffic == prediction.LARGE and states[prediction.CONNECTIONS, one, other] != states["ping", one, other]
 
@@ -70,6 +70,6 @@ def measured(registered: Mapping[str, Any]) -> Iterator[tuple[Way, bool]]:
 
 
 def _by_its_address(topic: Mapping[str, Any], member: Mapping[str, Any]) -> bool:
-    """Say if a connection was tried to the computer's own address: its talker is registered, and its name is right."""
+    """Return True if a connection was tried to the computer's own address: its talker is registered, and its name is right."""
     hosts = {urlsplit(publisher["uri"]).hostname for publisher in topic["publishers"] if publisher["uri"]}
     return bool(hosts) and hosts <= {member["name"], member["address"]} and member["addresses"] == [member["address"]]

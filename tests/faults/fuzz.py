@@ -147,7 +147,7 @@ def write_table(graded: Sequence[Graded]) -> str:
 
 
 def is_good(graded: Sequence[Graded]) -> bool:
-    """Say if all limits are kept."""
+    """Return True if all limits are kept."""
     total = Counter(one.grade for one in graded)
     count = max(1, len(graded))
     return (

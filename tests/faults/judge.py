@@ -60,5 +60,5 @@ def verdict(fault: Fault, found: Named) -> str:
 
 
 def is_at(place: str, places: tuple[str, ...]) -> bool:
-    """Say if one of these places is meant; a part may be of two computers."""
+    """Return True if one of these places is meant; a part may be of two computers."""
     return any(one in places for one in (place, *place.split(" and ")))

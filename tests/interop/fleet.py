@@ -80,7 +80,7 @@ class Computer:
         self.run(f"systemctl stop 'test-{unit}.service'")
 
     def active(self, unit: str) -> bool:
-        """Say if what `start` started still runs."""
+        """Return True if what `start` started still runs."""
         return self.run(f"systemctl is-active test-{unit}", check=False).strip() == "active"
 
     def publish(self, topic: str, client: str = "rospy") -> None:
@@ -104,7 +104,7 @@ class Computer:
         return int(self.run("wc -l < /run/heard"))
 
     def hears(self, topic: str, seconds: float = PATIENCE) -> bool:
-        """Say if anything arrives on a topic."""
+        """Return True if anything arrives on a topic."""
         return self.run(f"timeout -k 5 {seconds:.0f} rostopic echo -n 1 {topic}", check=False).startswith("data:")
 
     def topics(self) -> list[str]:
@@ -140,7 +140,7 @@ class Robot(Computer):
         return str(getattr(self, node))
 
     def added(self, node: str) -> bool:
-        """Say if a node is not the one that the collection runs."""
+        """Return True if a node is not the one that the collection runs."""
         return self.implementation(node) != self.provider
 
     def unit(self, node: str) -> str:

@@ -441,7 +441,7 @@ def twin(state, random):
 
 
 def _crosses(state, one, other, topic, node):
-    """Say if a publisher is exchanged between two robots; else it concerns nobody what it is."""
+    """Return True if a publisher is exchanged between two robots; else it concerns nobody what it is."""
     flows, item = Flows(state.fleet), Item("publisher", topic, node)
     return any(flows.rules(*way).passes(item, TALKS) for way in ((one, other), (other, one)))
 

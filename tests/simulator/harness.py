@@ -117,7 +117,7 @@ def named(trial):
 
 
 def _is_noise(trial, parts):
-    """Say if a finding tells only that nobody could log in where nobody could."""
+    """Return True if a finding tells only that nobody could log in where nobody could."""
     right = any(is_right(part, row, place) for part in parts for row, place in trial.faults)
     return parts[0].kind == "computer" and parts[0].place in trial.noise and not right
 
@@ -146,7 +146,7 @@ class Aimed(Random):
 
 
 def is_equal(trial, base, part):
-    """Say if another part at its place, instead of the fault that was injected, leaves the very same observations."""
+    """Return True if another part at its place, instead of the fault that was injected, leaves the very same observations."""
     rows = [row for row in faults.FAULTS if (part.kind, part.mode) in row.parts]
     made = (_aimed(base, row, part.place_text, number) for row in rows for number in range(AIMS))
     return any(state and observe(state, trial.run, trial.number) == trial.observations for state in made)

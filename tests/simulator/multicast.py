@@ -52,7 +52,7 @@ def send_to_group(world: World, start: str, source: IPv4Address, packet: Packet)
     if device is None or not device.up:
         return []
     packet = replace(packet, source=source)
-    if machine.objection(OUT, packet, leaving=device.name) is not None:
+    if machine.find_blocking_rule(OUT, packet, leaving=device.name) is not None:
         return []
     deliveries: list[Delivery] = []
     waiting = [_Copy(machine.name, device, packet, ())]
@@ -66,7 +66,7 @@ def send_to_group(world: World, start: str, source: IPv4Address, packet: Packet)
         crossed.add(leaves.link)
         for other, interface in _hearers(world, sender, leaves, sent):
             links, kept = (*before, leaves.link), share * (1 - leaves.loss) * (1 - interface.loss)
-            if other.objection(IN, sent, interface.name) is None and sent.source is not None:
+            if other.find_blocking_rule(IN, sent, interface.name) is None and sent.source is not None:
                 deliveries.append(Delivery(other.name, interface.name, sent.source, links, kept))
             for next_interface in _list_exits(other, interface, sent):
                 waiting.append(
@@ -98,7 +98,10 @@ def _has_way_back(machine: Machine, interface: Interface, packet: Packet) -> boo
 
 def _list_exits(machine: Machine, incoming: Interface, packet: Packet) -> list[Interface]:
     """Return the interfaces by which a multicast router forwards a datagram."""
-    if packet.destination not in machine.groups or machine.objection(FORWARD, packet, incoming.name) is not None:
+    if (
+        packet.destination not in machine.groups
+        or machine.find_blocking_rule(FORWARD, packet, incoming.name) is not None
+    ):
         return []
     return [one for one in machine.interfaces if one.up and one.name != incoming.name]
 

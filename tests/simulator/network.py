@@ -135,7 +135,7 @@ class Network:
             chosen = machine.route(Packet("icmp", address))
             if chosen is None or chosen.kind in NO_WAY:
                 return seen.Ping(error="Network is unreachable", outcome=Outcome.NETWORK_UNREACHABLE)
-            if machine.objection(OUT, way.there.packet, leaving=chosen.device) is not None:
+            if machine.find_blocking_rule(OUT, way.there.packet, leaving=chosen.device) is not None:
                 return seen.Ping(error="Operation not permitted", outcome=Outcome.FAILED)
         elif way.back is not None and way.back.ok and way.back.packet.source != address:  # somebody else's
             source = str(way.back.packet.source)
@@ -349,7 +349,7 @@ class Network:
         refused = 0
         if device is not None:
             probe = Packet("udp", self.fleet.multicast_group, source=own.discovery_address, port=port, size=28)
-            refused = PROBES * (machine.objection(OUT, probe, leaving=device.name) is not None)
+            refused = PROBES * (machine.find_blocking_rule(OUT, probe, leaving=device.name) is not None)
         return seen.Multicast(
             udp=tuple(
                 self._datagrams(own, self.members[other], other in listeners)

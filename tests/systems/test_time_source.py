@@ -51,7 +51,7 @@ def follows(lab, host):
 
 
 def misses(lab, host):
-    """Say if the last four requests of a computer had no answer: they are the lowest bits of `reach`."""
+    """Return True if the last four requests of a computer had no answer: they are the lowest bits of `reach`."""
     (row,) = (line.split(",") for line in lab.run(host, "chronyc -n -c sources").splitlines())
     return not int(row[5], 8) & 15
 

@@ -47,7 +47,7 @@ class StepFailure(Exception):
 
 
 def fits(wanted, found, known):
-    """Say if a value fits a pattern; named groups go to `known`."""
+    """Return True if a value fits a pattern; named groups go to `known`."""
     if isinstance(wanted, str) and wanted.startswith("~"):
         match = isinstance(found, str) and re.fullmatch(wanted[1:], found, re.DOTALL)
         known.update(match.groupdict() if match else {})

@@ -43,14 +43,14 @@ def find_wrong_value(
 
 
 @contextlib.contextmanager
-def explain_refusal(deed: str, remedies: typing.Optional[typing.Mapping[int, str]] = None) -> typing.Iterator[None]:
-    """Raise Problem for an OSError in this block: which deed failed, why, and what to do; `remedies` by errno."""
+def explain_refusal(action: str, remedies: typing.Optional[typing.Mapping[int, str]] = None) -> typing.Iterator[None]:
+    """Raise Problem for an OSError in this block: which action failed, why, and what to do; `remedies` by errno."""
     try:
         yield
     except OSError as error:
         is_refused = isinstance(error, PermissionError)
         remedy = "it needs root, so set become: true" if is_refused else (remedies or {}).get(error.errno or 0)
-        raise Problem(f"{deed}: {error.strerror or error}{f'; {remedy}' if remedy else ''}.") from error
+        raise Problem(f"{action}: {error.strerror or error}{f'; {remedy}' if remedy else ''}.") from error
 
 
 # The process

@@ -82,7 +82,7 @@ def file_limit(pid: typing.Union[int, str], proc: str = "/proc") -> int:
 
 
 def is_stopped(pid: typing.Union[int, str], proc: str = "/proc") -> bool:
-    """Say if a process is stopped by a signal or a debugger; False where it has ended."""
+    """Return True if a process is stopped by a signal or a debugger; False where it has ended."""
     stat = _read_stat(pid, proc)
     return stat is not None and stat.state in "Tt"
 

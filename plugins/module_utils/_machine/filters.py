@@ -107,7 +107,7 @@ def find_arp_filters(ruleset: Words) -> typing.List[str]:
 
 
 def _drops_all(rules: typing.List[typing.List[Words]], policy: str) -> bool:
-    """Say if a chain drops all questions or all answers, with no rule before that could let some pass."""
+    """Return True if a chain drops all questions or all answers, with no rule before that could let some pass."""
     for words in rules:
         kinds = {kind for word in words for kind in word}
         matches = [word["match"]["left"] for word in words if "match" in word]

@@ -199,7 +199,7 @@ PARTS = (
 
 
 def is_due(part: Part, params: Params, check_mode: bool) -> bool:
-    """Say if a part is looked at on this computer; with `check_mode` no command of ROS is run."""
+    """Return True if a part is looked at on this computer; with `check_mode` no command of ROS is run."""
     if params["is_router"] and not part.on_router:
         return False
     return not (check_mode and part.runs_commands) and (params["is_master"] or not part.final)

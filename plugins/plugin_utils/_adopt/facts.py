@@ -52,7 +52,7 @@ class Uri:
 
     @property
     def is_address(self) -> bool:
-        """Say if the host is an address of IPv4."""
+        """Return True if the host is an address of IPv4."""
         return not kinds.is_host_name(self.host)
 
 

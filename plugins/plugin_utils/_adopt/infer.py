@@ -323,7 +323,7 @@ def _computer(scene: Scene, machine: str, network: IPv4Network) -> Computer:
 
 
 def _is_alias(scene: Scene, hostname: str, name: str) -> bool:
-    """Say if a host name is another name of one computer alone."""
+    """Return True if a host name is another name of one computer alone."""
     known = [entry.lower() for entry, _why in scene.names.values()]
     hostnames = [machine.hostname.lower() for machine in scene.machines.by_name.values()]
     host = hostname.lower()
@@ -354,7 +354,7 @@ def _router(scene: Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Cho
 
 
 def _passes(scene: Scene, name: str) -> bool:
-    """Say if a machine on the common network forwards packets, has no roscore, and is in no robot's network."""
+    """Return True if a machine on the common network forwards packets, has no roscore, and is in no robot's network."""
     members = {member for group in scene.found.groups for member in group.members}
     own = {
         network

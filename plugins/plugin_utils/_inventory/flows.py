@@ -92,7 +92,7 @@ def list_names(channel: Mapping[str, Any], kind: str, *, given: bool) -> list[st
 
 
 def gives(entries: Sequence[Export] | None, robot: str, topic: str) -> bool:
-    """Say if a declaration gives a topic, or all topics of a pattern, to a robot by its own name. None: nothing is declared."""
+    """Return True if a declaration gives a topic, or all topics of a pattern, to a robot by its own name. None: nothing is declared."""
     reaching = (entry for entry in entries or () if not entry.to or robot in entry.to)
     return entries is None or any(matches(entry.topics, topic) for entry in reaching if not entry.crosses_border)
 

@@ -212,8 +212,8 @@ class Machine:
             chains.setdefault(rule.chain, {}).setdefault(rule.table, []).append(rule)
         return {chain: list(tables.values()) for chain, tables in chains.items()}
 
-    def objection(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> Rule | None:
-        """Return the rule of its packet filter against a packet: that of the first table that does not accept it."""
+    def find_blocking_rule(self, chain: str, packet: Packet, incoming: str = "", leaving: str = "") -> Rule | None:
+        """Return the blocking rule for a packet: that of the first table that does not accept it. None if all tables let it pass."""
         for rules in self._chains.get(chain, ()):
             match = next((rule for rule in rules if rule.matches(packet, incoming, leaving)), None)
             if match is not None and match.verdict != ACCEPT:

@@ -157,7 +157,7 @@ class Trace:
         return self._leave(machine, interface)
 
     def _filter(self, machine: Machine, chain: str, incoming: str, leaving: str) -> None:
-        rule = machine.objection(chain, self.packet, incoming, leaving)
+        rule = machine.find_blocking_rule(chain, self.packet, incoming, leaving)
         if rule is not None:
             raise _End(REJECTED if rule.verdict == REJECT else FILTERED, machine.name, rule)
 
@@ -172,7 +172,7 @@ class Trace:
 
 def masquerades(machine: Machine, device: Interface, packet: Packet) -> bool:
     """Tell if a packet gets the address of the interface by which it leaves. An answer never does."""
-    rule = None if packet.answer else machine.objection(NAT, packet, leaving=device.name)
+    rule = None if packet.answer else machine.find_blocking_rule(NAT, packet, leaving=device.name)
     return rule is not None and rule.verdict == MASQUERADE
 
 

@@ -44,11 +44,11 @@ def summarize(results: Mapping[str, Sequence[Result]], check: bool, lost: Collec
         for computer, tasks in results.items()
     }
     notes = [f"  {computer}: {line}" for computer, line in lines.items() if line]
-    deed = "would change" if check else "changed"
+    action = "would change" if check else "changed"
     count = sum(any(result.get("changed") is True for result in tasks) for tasks in results.values())
     failed = len(refused) + sum(any(map(is_failure, tasks)) for tasks in results.values())
     more = f", and {failed} failed" if failed else ""
-    return [f"SUMMARY: {count} of {len(results)} computers {deed}{more}.", *notes]
+    return [f"SUMMARY: {count} of {len(results)} computers {action}{more}.", *notes]
 
 
 def describe(results: Sequence[Result]) -> str:
@@ -76,9 +76,9 @@ def _tell_restarts(results: Sequence[Result], check: bool) -> Iterator[str]:
     for name in ("multicast-routing", *OTHERS, *NODES):
         if f"multimaster-{name}.service" in restarted:
             reasons.setdefault(_find_reason(name, written), []).append(f"multimaster-{name}")
-    deed = "would restart" if check else "restarted"
+    action = "would restart" if check else "restarted"
     for reason, names in reasons.items():
-        yield f"{deed} {', '.join(names)}, since {reason}"
+        yield f"{action} {', '.join(names)}, since {reason}"
 
 
 def _find_reason(service: str, written: Collection[str]) -> str:

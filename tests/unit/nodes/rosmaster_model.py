@@ -247,7 +247,7 @@ class ROSMasterHandler:
 
 
 def installed():
-    """Say if rosmaster is there; where it is not, the model takes its place."""
+    """Return True if rosmaster is there; where it is not, the model takes its place."""
     if importlib.util.find_spec("rosmaster"):
         return True
     names = {

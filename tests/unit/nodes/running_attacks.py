@@ -131,7 +131,7 @@ class Server:
             self.told = answer[9:12].decode() or "nothing"
 
     def answers(self):
-        """Say if a friend has an answer."""
+        """Return True if a friend has an answer."""
         connection = http.client.HTTPConnection(self.at, PORT, timeout=WALL, source_address=(self.friend, 0))
         method, *arguments = ORDINARY[self.name]
         try:
@@ -212,7 +212,7 @@ class Asking:
         yield
 
     def answers(self):
-        """Say if a new topic of the friend comes."""
+        """Return True if a new topic of the friend comes."""
         self.topics.append(f"/topic_{len(self.topics)}")
         self.announce(FRIEND)
         deadline = time.monotonic() + WALL

@@ -153,7 +153,7 @@ class Station:
         return end
 
     def hears(self, seconds=3.0, source=HERE):
-        """Say if a listener of the good robot's topic has a message in time."""
+        """Return True if a listener of the good robot's topic has a message in time."""
         try:
             end = self.connect(source, topic="/good/scan")
             end.connection.settimeout(seconds)
@@ -180,7 +180,7 @@ class Station:
         return sorted(delays)[len(delays) // 2], max(delays)
 
     def is_prompt(self):
-        """Say if a listener hears, and a call is answered, before the border has done much else: half a second, and two."""
+        """Return True if a listener hears, and a call is answered, before the border has done much else: half a second, and two."""
         began = self.spent()
         assert self.hears(60.0)
         heard = self.spent()
@@ -189,7 +189,7 @@ class Station:
         return heard - began < 0.5 and self.spent() - heard < 2.0
 
     def calls(self, seconds=2.0):
-        """Say if a call of the good robot's service is answered in time."""
+        """Return True if a call of the good robot's service is answered in time."""
         try:
             end = self.connect(service="/good/reset")
             end.connection.settimeout(seconds)

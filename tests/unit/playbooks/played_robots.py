@@ -35,7 +35,7 @@ def answer(folder, host):
 
 
 def has(run, module, *texts):
-    """Say if a run is one of this module, with these texts in its options."""
+    """Return True if a run is one of this module, with these texts in its options."""
     return run.startswith(f"{module}: ") and all(text in run for text in texts)
 
 
@@ -86,7 +86,7 @@ class Played:
         return path.read_text().splitlines() if path.exists() else []
 
     def has_run(self, host, module, *texts):
-        """Say if a module has run on a host, with these texts in its options."""
+        """Return True if a module has run on a host, with these texts in its options."""
         return any(has(run, module, *texts) for run in self.ran[host])
 
 

@@ -126,7 +126,7 @@ class ManagedFiles(ModuleRun):
         return "started again" if self.restarts else "reloaded"
 
     def _is_gone(self) -> bool:
-        """Say if the last files go, and so has the service that read them."""
+        """Return True if the last files go, and so has the service that read them."""
         if not self.restarts or self.files.items:
             return False
         return systemd.states([self.reloaded], ("LoadState",))[0].get("LoadState") == "not-found"

@@ -194,7 +194,7 @@ def _parents(path: str) -> typing.List[str]:
 
 
 def _is_plain(path: str) -> bool:
-    """Say if a path is absolute, without '..'. For normpath alone, two slashes in front are a place of their own (POSIX)."""
+    """Return True if a path is absolute, without '..'. For normpath alone, two slashes in front are a place of their own (POSIX)."""
     return _PLAIN.fullmatch(path) is not None and os.path.normpath(path) == path
 
 
@@ -498,15 +498,15 @@ class FilePlan:
             begin = [intent(self.record, self.intent, self.remembered, RECORD_RESTORE_FAILURE), *self.steps()]
         return [*begin, *others, outcome(self.record, self.after)]
 
-    def expect(self, deed: str, is_about: typing.Callable[[str], bool], due: bool = False) -> bool:
-        """Say if a deed is to follow the steps: one that is due, that is about a path which changes, or that was left undone.
+    def expect(self, action: str, is_about: typing.Callable[[str], bool], due: bool = False) -> bool:
+        """Return True if a action is to follow the steps: one that is due, that is about a path which changes, or that was left undone.
 
         The record has it until `forget_pending`, also for the next run where this one fails or is killed.
         """
         paths = [file.path for file in self.writes] + self.removals
-        if not (due or deed in self.remembered.get("pending", []) or any(map(is_about, paths))):
+        if not (due or action in self.remembered.get("pending", []) or any(map(is_about, paths))):
             return False
-        self.intent["pending"] = self.after["pending"] = [deed]
+        self.intent["pending"] = self.after["pending"] = [action]
         return True
 
     def forget_pending(self) -> None:
@@ -537,9 +537,9 @@ def _summary(folder: str, pairs: typing.List[Pair]) -> typing.Dict[str, str]:
     before = [old for old, new in pairs if old.kind]
     left = [new for old, new in pairs if new]
     changed = len(before) + len(left) - len(pairs)
-    deeds = f"{len(left) - changed} new, {changed} changed, {len(before) - changed} removed"
+    actions = f"{len(left) - changed} new, {changed} changed, {len(before) - changed} removed"
     size = f"{_size(before)}\n" if before else ""
-    return difference(f"files below {folder} that change", size, f"{_size(left)}: {deeds}\n")
+    return difference(f"files below {folder} that change", size, f"{_size(left)}: {actions}\n")
 
 
 def _size(files: typing.Sequence[typing.Union[FileState, PlannedFile]]) -> str:

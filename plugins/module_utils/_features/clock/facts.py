@@ -109,7 +109,7 @@ def _lines(root: str, dialect: Dialect) -> typing.Iterator[typing.Dict[str, str]
 
 
 def _is_older(root: str, unit: systemd.Properties) -> bool:
-    """Say if chrony runs since before our present files, which an interrupted run has written, or does not run with them."""
+    """Return True if chrony runs since before our present files, which an interrupted run has written, or does not run with them."""
     paths = [os.path.join(root, path[1:]) for path in OURS]
     there = [path for path in paths if os.path.exists(path)]
     if unit.get("ActiveState") != "active":

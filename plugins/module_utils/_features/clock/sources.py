@@ -43,7 +43,7 @@ def read_number(text: str) -> typing.Optional[float]:
 
 
 def has_answered(register: str) -> bool:
-    """Say if one of the last four requests was answered, by the register of the last eight, in octal digits."""
+    """Return True if one of the last four requests was answered, by the register of the last eight, in octal digits."""
     return bool(re.fullmatch(r"[0-7]{1,3}", register)) and bool(int(register, 8) & LAST)
 
 

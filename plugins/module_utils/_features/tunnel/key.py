@@ -79,7 +79,7 @@ def publish(path: str) -> str:
 
 
 def _is_there(path: str) -> bool:
-    """Say if a key is there. Raises OSError, and Problem where others than root may read or replace it."""
+    """Return True if a key is there. Raises OSError, and Problem where others than root may read or replace it."""
     try:
         state = os.lstat(path)
     except FileNotFoundError:

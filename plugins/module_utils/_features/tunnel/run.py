@@ -57,7 +57,7 @@ class Tunnel(file_bundle.ManagedFiles):
         self.changed = self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
 
     def _has_lost(self) -> bool:
-        """Say if somebody has taken the interface from under the unit."""
+        """Return True if somebody has taken the interface from under the unit."""
         return _runs() and commands.run(["ip", "link", "show", "dev", INTERFACE]).status != 0
 
     def result(self) -> typing.Dict[str, typing.Any]:
@@ -118,7 +118,7 @@ class Tunnel(file_bundle.ManagedFiles):
         return steps
 
     def _is_next_planned(self) -> bool:
-        """Say if the key that waits is the one of the new configuration. Raises Problem."""
+        """Return True if the key that waits is the one of the new configuration. Raises Problem."""
         planned = {found for entry in self.options["files"] for found in _PUBLIC.findall(entry["content"])}
         return os.path.lexists(key.KEY + key.NEXT) and key.publish(key.KEY + key.NEXT) in planned
 

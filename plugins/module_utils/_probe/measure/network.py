@@ -399,7 +399,7 @@ def link_of(interface: str) -> typing.Dict[str, typing.Any]:
 
 
 def saves_power(interface: str, root: str = "/sys/class/net") -> typing.Optional[bool]:
-    """Say if a wireless interface saves power (iw(8)); None where it is no wireless one, or iw does not tell."""
+    """Return True if a wireless interface saves power (iw(8)); None where it is no wireless one, or iw does not tell."""
     if not any(os.path.exists(os.path.join(root, interface, mark)) for mark in ("wireless", "phy80211")):
         return None
     told = re.search(r"Power save: (on|off)$", run(["iw", "dev", interface, "get", "power_save"]).text, re.MULTILINE)

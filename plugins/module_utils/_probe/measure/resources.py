@@ -29,7 +29,7 @@ Row = typing.Dict[str, typing.Any]
 
 
 def clock() -> typing.Dict[str, typing.Optional[bool]]:
-    """Say if something keeps the clock right, such as chrony, as the kernel knows it; None where it does not tell."""
+    """Return True if something keeps the clock right, such as chrony, as the kernel knows it; None where it does not tell."""
     try:
         state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(TIMEX))
     except (OSError, AttributeError):  # no such function in this C library

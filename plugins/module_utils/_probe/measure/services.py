@@ -131,7 +131,7 @@ def count_files(
 
 
 def sets_environment(path: str) -> bool:
-    """Say if a drop-in file of a unit has variables; systemctl show writes a blank in a path otherwise, so it is not found."""
+    """Return True if a drop-in file of a unit has variables; systemctl show writes a blank in a path otherwise, so it is not found."""
     try:
         lines = read_regular(path, _MOST).splitlines()
     except OSError:

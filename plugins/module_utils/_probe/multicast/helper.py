@@ -178,7 +178,7 @@ class Helper:
         return self.peers.get(address) or self.aliases.get(address)
 
     def _apart(self, address: str) -> bool:
-        """Say if the group, by plan, does not pass between this computer and another one."""
+        """Return True if the group, by plan, does not pass between this computer and another one."""
         return bool({address, self.settings.address} & self.settings.apart)
 
     def _may_answer(self, now: float) -> bool:
@@ -276,7 +276,7 @@ class Helper:
         return encode(Message(kind, self.done, self.settings.address, **fields), self.settings.run)
 
     def is_over(self, now: float) -> bool:
-        """Say if this helper is no longer needed: its time is up, or it is done and no other helper waits for it."""
+        """Return True if this helper is no longer needed: its time is up, or it is done and no other helper waits for it."""
         if self.rounds is not None:
             return False
         waiting = any(
@@ -336,7 +336,7 @@ class Helper:
     def _rate_reception(
         self, peer: Peer, after: typing.Optional[Account]
     ) -> typing.Tuple[typing.Optional[bool], typing.Optional[float]]:
-        """Say if a peer hears this computer on the group, and which share of the probes was lost; None if unknown."""
+        """Return True if a peer hears this computer on the group, and which share of the probes was lost; None if unknown."""
         before = peer.accounts.get(BEFORE)
         if after is None or self._apart(peer.address):  # by plan it does not hear this computer on the group
             return None, None

@@ -65,7 +65,7 @@ class Planned:
             self._masters.update((*LOOPBACK, socket.gethostname().lower()))
 
     def is_master(self, uri: str) -> bool:
-        """Say if a URI leads to the planned roscore; True where none is planned, or where the URI cannot be read."""
+        """Return True if a URI leads to the planned roscore; True where none is planned, or where the URI cannot be read."""
         host, port = _read_place(uri)
         return not self._place or not host or (host in self._masters and port == self._port)
 

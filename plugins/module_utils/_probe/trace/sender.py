@@ -72,7 +72,7 @@ def _send_echo(tag: Tag, probe: Probe) -> SendResult:
 
 
 def _hear(link: socket.socket, tag: Tag, number: int) -> Outcome:
-    """Say if an answer reaches a program here: the listener sees it before the packet filter of this computer does."""
+    """Return True if an answer reaches a program here: the listener sees it before the packet filter of this computer does."""
     heard = read_echoes(link, tag.identifier, time.monotonic() + HEARING)
     answered = any(found.sequence == number and found.outcome == Outcome.ANSWERED for found in heard)
     return Outcome.ANSWERED if answered else Outcome.NO_ANSWER

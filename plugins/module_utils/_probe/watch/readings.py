@@ -117,12 +117,12 @@ class LastLook:
         self._states: typing.Dict[str, str] = {}
 
     def clock(self, now: float, wall: float) -> str:
-        """Say if the clock was stepped since the last look, beside the time that has passed."""
+        """Return True if the clock was stepped since the last look, beside the time that has passed."""
         step, self._ahead = wall - now - self._ahead, wall - now
         return f"stepped by {step:+.1f} s" if abs(step) > STEP else "steady"
 
     def service(self, unit: str, state: str, process: str) -> str:
-        """Say if a unit is active, or was started again since the last look."""
+        """Return True if a unit is active, or was started again since the last look."""
         last, self._states[unit] = self._states.get(unit), state
         if state == "deactivating" and state != last:
             return "active"  # it was told to stop: the next look shows where it ends, or that it was started again

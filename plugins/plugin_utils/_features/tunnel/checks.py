@@ -72,19 +72,19 @@ def _is_as_planned(peer: TunnelPeer | None, planned: Peer) -> bool:
 
 
 def _has_its_key(case: Case, observer: str, planned: Peer) -> bool:
-    """Say if a computer has the key of the target; where the target was not looked at, nothing else is known."""
+    """Return True if a computer has the key of the target; where the target was not looked at, nothing else is known."""
     there, peer = _look_at(case, planned.computer), _find_peer(case, observer, planned)
     return not there.up or peer is None or peer.public_key == there.public_key
 
 
 def _hears(case: Case, observer: str) -> bool:
-    """Say if a computer hears another one by its tunnel, or was not looked at."""
+    """Return True if a computer hears another one by its tunnel, or was not looked at."""
     seen = _look_at(case, observer)
     return not seen.up or any(peer.heard for peer in seen.peers)
 
 
 def _is_heard(case: Case, planned: Peer, observer: str) -> bool:
-    """Say if any other computer hears this one."""
+    """Return True if any other computer hears this one."""
     peers = [_find_peer(case, other, planned) for other in case.run if other not in (observer, planned.computer)]
     return any(peer.heard for peer in peers if peer)
 

@@ -17,7 +17,7 @@ _KEY = re.compile("[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=")
 
 
 def is_key(text: object) -> bool:
-    """Say if a text is a public key: 32 bytes in base64, in the one spelling that wg(8) takes."""
+    """Return True if a text is a public key: 32 bytes in base64, in the one spelling that wg(8) takes."""
     return isinstance(text, str) and _KEY.fullmatch(text) is not None
 
 

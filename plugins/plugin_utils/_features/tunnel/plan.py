@@ -115,7 +115,7 @@ def _find_missing(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _overlaps(entry: Mapping[str, Any], network: IPv4Network) -> bool:
-    """Say if the network of an address of an interface overlaps another one."""
+    """Return True if the network of an address of an interface overlaps another one."""
     if entry.get("family", "inet") != "inet":
         return False
     return IPv4Network(f"{entry['address']}/{entry['prefix']}", strict=False).overlaps(network)

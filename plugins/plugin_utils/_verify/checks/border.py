@@ -81,7 +81,7 @@ def _list_names(case: Case, robot: str, *, border: bool) -> set[tuple[str, str]]
 
 
 def _is_of(case: Case, kind: str, name: str) -> bool:
-    """Say if what the observer's border has can be of the target's robot alone: of no other peer, or by its namespace."""
+    """Return True if what the observer's border has can be of the target's robot alone: of no other peer, or by its namespace."""
     channels = (case.observer.plan.border or {}).get("channels", ())
     if len({entry["peer"] for entry in channels}) == 1:
         return kind == "service" or name != DIAGNOSTICS

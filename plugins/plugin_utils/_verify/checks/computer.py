@@ -85,7 +85,7 @@ def _is_full(entry: Service) -> bool:
 
 
 def _was_started_again(case: Case, entry: Service) -> bool:
-    """Say if systemd has started it again lately: what was before the last verification is told no more."""
+    """Return True if systemd has started it again lately: what was before the last verification is told no more."""
     return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= case.state.lately
 
 
@@ -235,7 +235,7 @@ def _find_dead_link(case: Case, network: str) -> Parts:
 
 
 def _is_flapping(case: Case, network: str) -> bool:
-    """Say if a link that is down now has carried answers in the same run, to others on its network."""
+    """Return True if a link that is down now has carried answers in the same run, to others on its network."""
     name = case.observer.name
     near = (one for one in case.run.values() if one.name != name and network in one.interface_on)
     return any(name in one.answered for one in near)

@@ -112,7 +112,7 @@ def _find_people_parts(case: Case, entry: SilentNode) -> Parts:
 
 
 def _has_ended(case: Case, entry: SilentNode) -> bool:
-    """Say if a node has ended: its computer refuses the connection, and no packet filter does."""
+    """Return True if a node has ended: its computer refuses the connection, and no packet filter does."""
     filtered = case.state.filters.find_drop(case.observer.name, case.ways.name_at(entry.host) or entry.host, "nodes")
     return entry.outcome == Outcome.REFUSED and filtered is None
 
@@ -265,7 +265,7 @@ def _find_flow_faults(case: Case, missing: Sequence[Item], superfluous: Sequence
 
 
 def _loses_large(case: Case) -> bool:
-    """Say if small packets arrive between the two, and large ones do not."""
+    """Return True if small packets arrive between the two, and large ones do not."""
     small, large = case.member.ping_address, case.member.ping_large
     return small is not None and large is not None and small.ok and not large.ok
 

@@ -78,7 +78,7 @@ def _is_own_too(case: Case) -> bool:
 
 
 def _is_loopback(address: str) -> bool:
-    """Say if an address is one of the loopback interface; a text that is none, as a strange machine may report, is not."""
+    """Return True if an address is one of the loopback interface; a text that is none, as a strange machine may report, is not."""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:

@@ -112,7 +112,7 @@ class _Fleet:
 
 
 def _is_near(address: str, interface: ForwardingInterface) -> bool:
-    """Say if an address is in a network of an interface, of which each text may be anything."""
+    """Return True if an address is in a network of an interface, of which each text may be anything."""
     try:
         wanted = IPv4Address(address)
         places = zip(interface.addresses, interface.prefixes, strict=False)
@@ -159,7 +159,7 @@ def find_strays(
 
 
 def _is_guest(one: Misplaced, belonging: Membership) -> bool:
-    """Say if a node is of a computer outside the inventory that may take part, such as a laptop with rviz."""
+    """Return True if a node is of a computer outside the inventory that may take part, such as a laptop with rviz."""
     if one.mode != "address" or one.process is not UNREAD:
         return False  # it runs on a computer of the fleet
     try:
@@ -170,7 +170,7 @@ def _is_guest(one: Misplaced, belonging: Membership) -> bool:
 
 
 def _leads_home(one: Misplaced, row: AnnouncedHost, seen: _Fleet, robot: str) -> bool:
-    """Say if another name, such as one that mDNS knows, leads to a computer of the robot, and no other robot refuses the node."""
+    """Return True if another name, such as one that mDNS knows, leads to a computer of the robot, and no other robot refuses the node."""
     at = {seen.at.get(address, "") for address in row.addresses}
     own = {name for name, plan in seen.fleet.computers.items() if plan.robot == robot}
     return bool(at) and at <= own and not one.refused and not one.process.master

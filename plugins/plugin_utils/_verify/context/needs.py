@@ -296,7 +296,7 @@ def heartbeats(case: Case, own: str, its: str) -> Parts:
 
 
 def _arrive(case: Case, sender: str, hearer: str) -> bool:
-    """Say if datagrams of the transport are known to arrive, on the group or at the computer itself."""
+    """Return True if datagrams of the transport are known to arrive, on the group or at the computer itself."""
     here, there = case.run.get(hearer), case.run.get(sender)
     on_group = here.udp.get(sender) if here else None
     to_it = there.udp.get(hearer) if there else None

@@ -55,7 +55,7 @@ class ReadFilters:
         return part
 
     def lets_pass(self, part: Part) -> bool:
-        """Say if all rules at the place of a filter were understood, in the chains that would drop the packet."""
+        """Return True if all rules at the place of a filter were understood, in the chains that would drop the packet."""
         seen = self._observations.get(part.place)
         if seen is None or seen.filters is None or not seen.filters.readable or part.place not in self.world.machines:
             return False
@@ -91,8 +91,8 @@ class ReadFilters:
         packet = Packet("udp", IPv4Address(self._fleet.multicast_group), source=source, port=self._fleet.multicast_port)
         leaving, coming = (_device(one, own) for one, own in ((speaker, source), (hearer, there)))
         ends = (
-            (speaker, OUT, speaker.objection(OUT, packet, leaving=leaving)),
-            (hearer, IN, hearer.objection(IN, packet, coming)),
+            (speaker, OUT, speaker.find_blocking_rule(OUT, packet, leaving=leaving)),
+            (hearer, IN, hearer.find_blocking_rule(IN, packet, coming)),
         )
         for machine, chain, rule in ends:
             if rule is not None and chain not in machine.unclear:
@@ -174,7 +174,7 @@ def _read_names(machine: Machine, seen: Observation) -> dict[str, str]:
 
 
 def _is_for_one_pair(rule: Rule) -> bool:
-    """Say if a rule is for one sender and one receiver alone."""
+    """Return True if a rule is for one sender and one receiver alone."""
     ends = (rule.sources, rule.destinations)
     return all(len(networks) == 1 and networks[0].prefixlen == 32 for networks in ends)
 

@@ -44,7 +44,7 @@ def _table(name: str | None) -> str:
 
 
 def _holds(network: str, address: str) -> bool:
-    """Say if an address is in a network. A rule for all addresses never counts."""
+    """Return True if an address is in a network. A rule for all addresses never counts."""
     try:
         return IPv4Address(address) in IPv4Network(network, strict=False)
     except ValueError:

@@ -75,7 +75,7 @@ class FlowRules(filters.Rules):
         return cast(FlowRules, rules.complete_white_lists())  # it keeps the class
 
     def passes(self, item: Item, type_name: str) -> bool:
-        """Say if a registration is to be known to the receiving robot."""
+        """Return True if a registration is to be known to the receiving robot."""
         if item.kind == "service":
             return self.service(item.node, item.name)
         if item.kind == "subscriber" and self.hide_subscribers.matches(item.name):
@@ -116,11 +116,11 @@ class Flows:
         return self._rules[key]
 
     def declares_nothing(self, source: str, target: str) -> bool:
-        """Say if a robot declares (multimaster_exports) that it gives the target nothing."""
+        """Return True if a robot declares (multimaster_exports) that it gives the target nothing."""
         return self._masters[source].declared and self.rules(source, target) == NOTHING
 
     def names_topic(self, robot: str, topic: str) -> bool:
-        """Say if a robot declares a topic by its whole name, so that it is given on purpose."""
+        """Return True if a robot declares a topic by its whole name, so that it is given on purpose."""
         return (robot, topic) in self._named
 
     def _make_rules(self, source: str, target: str) -> FlowRules:
@@ -151,7 +151,7 @@ class Flows:
 
 
 def _particular(values: Iterable[object]) -> bool:
-    """Say if some of the parameters of master_sync are for one master alone: such are mappings."""
+    """Return True if some of the parameters of master_sync are for one master alone: such are mappings."""
     return any(isinstance(value, dict) or (isinstance(value, list) and _particular(value)) for value in values)
 
 
@@ -376,7 +376,7 @@ def _find_unlike(sums: Mapping[str, Mapping[str, tuple[str, str]]]) -> frozenset
 
 
 def _differ(one: tuple[str, str], other: tuple[str, str]) -> bool:
-    """Say if two of (type, md5 sum) are known to be different."""
+    """Return True if two of (type, md5 sum) are known to be different."""
     if one[0] in filters.UNKNOWN_TYPES or other[0] in filters.UNKNOWN_TYPES:
         return False
     return one[0] != other[0] or bool(one[1] and other[1] and one[1] != other[1])

@@ -57,7 +57,7 @@ def find_stage(seen: Seen) -> Stage | None:
 
 
 def is_filtered(case: Case, topic: str) -> bool:
-    """Say if the filters between the two robots leave the topic of a talker out."""
+    """Return True if the filters between the two robots leave the topic of a talker out."""
     own, its = case.robots
     talker = Item("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
     return own != its and not case.state.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
@@ -136,7 +136,7 @@ def _has_answered(source: Source) -> bool:
 
 
 def _is_given(case: Case, own: Participant | None, its: Participant | None, topic: str) -> bool | None:
-    """Say if the other discovery node gives the topic to the own sync node; None where it was not asked.
+    """Return True if the other discovery node gives the topic to the own sync node; None where it was not asked.
 
     A node that serves as planned, and has given the topics of all talkers, which are new, gives the others, too.
     """
@@ -239,7 +239,7 @@ def _find_lacking_node(case: Case, stage: Stage | None) -> Parts:
 
 
 def _has_talker(computer: Participant | None) -> bool:
-    """Say if a talker was started there, and its roscore answers."""
+    """Return True if a talker was started there, and its roscore answers."""
     probe = computer.seen.probe if computer else None
     return probe is not None and not probe.roscore.error and probe.talker is not None
 

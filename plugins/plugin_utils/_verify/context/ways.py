@@ -97,7 +97,7 @@ class Ways:
         return None if plan is None or plan.common_address else self.gateways.get(self.robot_of(computer))
 
     def is_in(self, computer: str, network: str) -> bool:
-        """Say if a computer has an address in a network."""
+        """Return True if a computer has an address in a network."""
         plan = self._fleet.computers.get(computer)
         return plan is not None and (
             network == self.network(plan.robot) or (bool(plan.common_address) and network == COMMON)

@@ -137,7 +137,7 @@ class _Cover:
 
 
 def _is_alike(one: Part, other: Part) -> bool:
-    """Say if two parts are one for a person: the same kind at the same place, broken in the same way or in one direction."""
+    """Return True if two parts are one for a person: the same kind at the same place, broken in the same way or in one direction."""
     return (one.kind, one.places) == (other.kind, other.places) and one.mode.partition(" ")[0] == other.mode.partition(
         " "
     )[0]

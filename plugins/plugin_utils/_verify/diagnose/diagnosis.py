@@ -266,14 +266,14 @@ class _Diagnosis:
         return chosen
 
     def _is_disproved(self, sign: Part | None) -> bool:
-        """Say if a setting that was read right is blamed by a counter of the whole machine, which spoofed packets count up, too."""
+        """Return True if a setting that was read right is blamed by a counter of the whole machine, which spoofed packets count up, too."""
         return sign is not None and sign.kind == "reverse_path" and self._is_cleared(sign)
 
     def _is_cleared(self, part: Part) -> bool:
         return any(self._count_needs(place, place)[part] for place in part.places)
 
     def _is_possible(self, part: Part) -> bool:
-        """Say if a part may be broken by what was read at its own place: a setting that is right, or a filter without a rule."""
+        """Return True if a part may be broken by what was read at its own place: a setting that is right, or a filter without a rule."""
         if part in self.broken:
             return True
         return not self._is_cleared(part) and self._doubt(part) in (0.0, UNREAD)

@@ -74,7 +74,7 @@ def _link_history(probe: Probe) -> Iterable[str]:
 
 
 def _decides(entry: BootDeviation, part: Part, state: FleetState) -> bool:
-    """Say if a file that differs from the plan is the reason of a fault."""
+    """Return True if a file that differs from the plan is the reason of a fault."""
     if not entry.when:
         return False
     if part.kind == "boot":
@@ -86,7 +86,7 @@ def _decides(entry: BootDeviation, part: Part, state: FleetState) -> bool:
 
 
 def _leads(entry: BootDeviation, part: Part, state: FleetState) -> bool:
-    """Say if the route of a file, such as "192.168.11.0/24 by 192.168.1.201", leads to the network of a part; without one to any."""
+    """Return True if the route of a file, such as "192.168.11.0/24 by 192.168.1.201", leads to the network of a part; without one to any."""
     try:
         destination = IPv4Network(entry.name.strip('"').partition(" by ")[0].replace("default", "0.0.0.0/0"))
     except ValueError:
@@ -106,7 +106,7 @@ def _find_subjects(part: Part, computer: Participant, state: FleetState) -> set[
 
 
 def _is_in_file(part: Part, computer: Participant) -> bool:
-    """Say if a line of /etc/hosts gives a name one of its wrong addresses."""
+    """Return True if a line of /etc/hosts gives a name one of its wrong addresses."""
     member = computer.members.get(part.what)
     return member is not None and any(
         address in member.file_addresses for address in member.addresses if address != member.address

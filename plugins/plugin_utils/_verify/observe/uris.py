@@ -19,12 +19,12 @@ def normalise_uri(uri: str) -> str:
 
 
 def is_same_uri(one: str, other: str) -> bool:
-    """Say if two URIs are the same; capital letters and a slash at the end do not count."""
+    """Return True if two URIs are the same; capital letters and a slash at the end do not count."""
     return normalise_uri(one) == normalise_uri(other)
 
 
 def is_one_of(uri: str, others: Iterable[str]) -> bool:
-    """Say if a URI is among others."""
+    """Return True if a URI is among others."""
     return any(is_same_uri(uri, other) for other in others)
 
 

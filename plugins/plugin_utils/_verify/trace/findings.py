@@ -52,7 +52,7 @@ class SeenEnd:
         return Trip(probe.traffic, probe.sender, probe.target)
 
     def crosses(self, computers: Iterable[str]) -> bool:
-        """Say if a way by these computers leads through the place, and by the part that it shows."""
+        """Return True if a way by these computers leads through the place, and by the part that it shows."""
         return {*self.place.places, *(self.sign.places if self.sign else ())} <= set(computers)
 
     def choose(self, suspects: Iterable[Part]) -> frozenset[Part]:
@@ -98,7 +98,7 @@ def name_addresses(verification: Verification) -> Callable[[str], str]:
 
 
 def has_all(packets: SeenPackets, name_at: Callable[[str], str]) -> bool:
-    """Say if a listener has kept all packets of the fleet: strangers may have sent more than it keeps of one."""
+    """Return True if a listener has kept all packets of the fleet: strangers may have sent more than it keeps of one."""
     return not packets.missed and not any(map(name_at, packets.full))
 
 

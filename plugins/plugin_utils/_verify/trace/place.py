@@ -134,7 +134,7 @@ class _Walk:
         self.asks = {host: [one for one in packets if one.protocol == ARP] for host, packets in seen.items()}
 
     def _begins(self, one: Capture) -> bool:
-        """Say if a packet at the sender begins the connection of the probe. Programs there may call the same port."""
+        """Return True if a packet at the sender begins the connection of the probe. Programs there may call the same port."""
         asked = (one.outgoing, one.protocol, one.kind) == (True, "tcp", REQUEST)
         called = (one.destination, one.port) == (self.probe.address, self.probe.port)
         return asked and called and self._is_from_port(one)
@@ -180,11 +180,11 @@ class _Walk:
         return [one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR]
 
     def _tells_closed_port(self, report: Capture) -> bool:
-        """Say if a report is that of datagrams which have arrived, where no program takes them."""
+        """Return True if a report is that of datagrams which have arrived, where no program takes them."""
         return self.probe.protocol == "udp" and (report.icmp_type, report.icmp_code) == CLOSED_PORT
 
     def _is_denied(self, report: Capture) -> bool:
-        """Say if the computer that is to have reported listened, has sent no such report, and has passed on what came, or got nothing."""
+        """Return True if the computer that is to have reported listened, has sent no such report, and has passed on what came, or got nothing."""
         at = self.chart.name_at(report.reporter)
         if at == self.probe.sender or at not in self.chart.listening:
             return False
@@ -195,7 +195,7 @@ class _Walk:
         return (has_passed or not has_got) and not self._list(at, ERROR, outgoing=True)
 
     def _is_answered(self) -> bool:
-        """Say if the program that has sent them got an answer, whoever sent it."""
+        """Return True if the program that has sent them got an answer, whoever sent it."""
         return self.sent is not None and Outcome.ANSWERED in (self.sent.outcome, self.sent.data)
 
     def _find_change(self, place: Place) -> Place:
@@ -324,7 +324,7 @@ class _Walk:
         return [one for one in left if one.interface == left[0].interface]
 
     def _came_back(self, to: str, first: str, kind: str) -> bool:
-        """Say if packets came in once more where they have passed: at the first computer, or with less of their life."""
+        """Return True if packets came in once more where they have passed: at the first computer, or with less of their life."""
         return to == first or len({one.ttl for one in self._list(to, kind, outgoing=False)}) > 1
 
     def _make_hop(self, at: str, to: str, left: Capture, came: Sequence[Capture]) -> Hop:
@@ -359,11 +359,11 @@ class _Walk:
         return "" if planned in self.chart.listening else planned
 
     def _has_own(self, name: str, kind: str) -> bool:
-        """Say if packets came in at a computer for one of its own hardware addresses."""
+        """Return True if packets came in at a computer for one of its own hardware addresses."""
         return any(name in self.chart.hosts.get(one.target_mac, ()) for one in self._list(name, kind, outgoing=False))
 
     def _passes_on(self, name: str, kind: str, others: Collection[str]) -> bool:
-        """Say if packets left a computer for one of others."""
+        """Return True if packets left a computer for one of others."""
         holders = [self.chart.hosts.get(one.target_mac, frozenset()) for one in self._list_left(name, kind)[-1:]]
         return any(name not in names and names & set(others) for names in holders)
 
@@ -395,7 +395,7 @@ def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Seq
 
 
 def _is_hidden(place: Place, changers: Container[str]) -> bool:
-    """Say if pings may have left a computer unseen: one that changes the ports of others may change the identifiers of pings."""
+    """Return True if pings may have left a computer unseen: one that changes the ports of others may change the identifiers of pings."""
     return (place.stage, place.probe.protocol) == (Stage.HOP, "icmp") and place.at in changers
 
 

@@ -86,7 +86,7 @@ SHORT = 32  # a packet that begins with less has a time to live that somebody ha
 
 
 def is_consistent(part: Part, place: Place) -> bool:
-    """Say if a part may be the reason why packets end at a place."""
+    """Return True if a part may be the reason why packets end at a place."""
     rows = CONSISTENT.get(place.stage, ())
     return any(_is_there(part, where, place) and _fits(part, kind, modes) for where, kind, modes in rows)
 
@@ -131,19 +131,19 @@ def _list_own_parts(place: Place) -> list[Part]:
 
 
 def _has_own_error(place: Place, _packets: SeenPackets) -> bool:
-    """Say if the sender's own kernel has refused to send, by a part that is the only one, or that nobody reads."""
+    """Return True if the sender's own kernel has refused to send, by a part that is the only one, or that nobody reads."""
     parts = _list_own_parts(place)
     return len(parts) == 1 or any(not part.fault.read for part in parts)
 
 
 def _began_short(place: Place, _packets: SeenPackets) -> bool:
-    """Say if a router reports that a packet lived too long which began with a short life."""
+    """Return True if a router reports that a packet lived too long which began with a short life."""
     exceeded = place.last is not None and place.last.icmp_type == EXCEEDED
     return exceeded and 0 < place.first_ttl < SHORT
 
 
 def _ends_life(place: Place, _packets: SeenPackets) -> bool:
-    """Say if a packet came in with the last second of its life."""
+    """Return True if a packet came in with the last second of its life."""
     return place.last is not None and not place.last.outgoing and place.last.ttl == 1
 
 
@@ -157,7 +157,7 @@ def _counts_reverse_path(place: Place, packets: SeenPackets) -> bool:
 
 
 def _counts_rule(place: Place, packets: SeenPackets) -> bool:
-    """Say if a rule that drops or rejects has counted them all. At their target it must name them: broadcasts are dropped there, too."""
+    """Return True if a rule that drops or rejects has counted them all. At their target it must name them: broadcasts are dropped there, too."""
     named = re.compile(rf"\b{place.probe.port or place.probe.protocol}\b")
     counted = [counter for counter in _list_counted(place, packets) if RULE in counter]
     if place.stage == Stage.HOP:  # chains for the gateway's own packets do not see those that it passes on
@@ -166,7 +166,7 @@ def _counts_rule(place: Place, packets: SeenPackets) -> bool:
 
 
 def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
-    """Say if a program takes no connections any more, so its queue is full (listen(2)). ListenDrops also counts answers without a way."""
+    """Return True if a program takes no connections any more, so its queue is full (listen(2)). ListenDrops also counts answers without a way."""
     return bool(_name_program(place)) and "TcpExtListenOverflows" in _list_counted(place, packets)
 
 

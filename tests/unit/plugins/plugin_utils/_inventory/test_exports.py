@@ -678,12 +678,12 @@ def entries_of(robot):
 
 
 def names(patterns, name):
-    """Say if a list of patterns names this: another implementation than the nodes' and the collection's."""
+    """Return True if a list of patterns names this: another implementation than the nodes' and the collection's."""
     return any(fnmatch.fnmatchcase(name.lower(), pattern.lower()) for pattern in patterns)
 
 
 def declared(robots, giver, taker, key, name):
-    """Say if the declarations say so; word by word."""
+    """Return True if the declarations say so; word by word."""
 
     def mine(of, other):
         return [entry for entry in robots[of] if not entry.to or other in entry.to]

@@ -91,8 +91,8 @@ def test_the_planned_packet_filter_keeps_others_out():
     world = make_world(fig12(multimaster_firewall="fleet", multimaster_firewall_ports=["51820/udp"]))
     kobuki = world.machines["kobuki"]
     stranger = IPv4Address("192.168.1.77")
-    assert kobuki.objection("in", tcp("192.168.1.229", 11311, source=stranger)).verdict == "drop"
-    assert kobuki.objection("in", tcp("192.168.1.229", 22, source=stranger)) is None
-    assert kobuki.objection("in", tcp("192.168.1.229", 40000, source=stranger, answer=True)) is None
+    assert kobuki.find_blocking_rule("in", tcp("192.168.1.229", 11311, source=stranger)).verdict == "drop"
+    assert kobuki.find_blocking_rule("in", tcp("192.168.1.229", 22, source=stranger)) is None
+    assert kobuki.find_blocking_rule("in", tcp("192.168.1.229", 40000, source=stranger, answer=True)) is None
     gateway = world.machines["tibi-visio"]
-    assert gateway.objection("forward", tcp("192.168.11.100", 11311, source=stranger)).verdict == "drop"
+    assert gateway.find_blocking_rule("forward", tcp("192.168.11.100", 11311, source=stranger)).verdict == "drop"

@@ -94,7 +94,7 @@ class Channel(NamedTuple):
         return self.namespace + inner[len(self.base) :]
 
     def _goes(self, kind: str, inner: str, given: bool) -> bool:
-        """Say if this robot gives that, or takes it."""
+        """Return True if this robot gives that, or takes it."""
         if given == self.inner:
             return (self.topics if kind == TOPIC else self.services).matches(inner)
         return kind == TOPIC and self.back.matches(inner)
@@ -163,7 +163,7 @@ def _limit_nodes(offers: List[Offer]) -> List[Offer]:
 
 
 def _is_good(offer: Offer) -> bool:
-    """Say if an offer has nodes, and a name and a type that a roscore is to have."""
+    """Return True if an offer has nodes, and a name and a type that a roscore is to have."""
     good_name = NAME.match(offer.name) and len(offer.name) <= MAX_NAME
     return bool(offer.nodes and good_name and VISIBLE.match(offer.type or "*"))
 
