@@ -20,6 +20,7 @@ NODES = "roles/nodes/files/python/rosfleet_multimaster"
 #: copy -> original
 COPIES = {
     "plugins/module_utils/_base/plain_text.py": f"{NODES}/protocol/plain_text.py",
+    "plugins/module_utils/_probe/ros_client/hosts.py": f"{NODES}/protocol/tcpros/hosts.py",
     "plugins/module_utils/_probe/ros_client/header.py": f"{NODES}/protocol/tcpros/header.py",
     "plugins/module_utils/_probe/ros_client/documents.py": f"{NODES}/protocol/xml_rpc.py",
 }

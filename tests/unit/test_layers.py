@@ -185,10 +185,10 @@ def test_the_halves_do_not_know_each_other():
 
 
 #: the files of the controller that take what the nodes have from the nodes
-DOORS_TO_NODES = {"_inventory/filters.py", "_base/plain_text.py"}
+DOORS_TO_NODES = {"_inventory/filters.py", "_base/hosts.py", "_base/plain_text.py"}
 
 
-def test_the_controller_takes_from_the_nodes_in_two_files():
+def test_the_controller_takes_from_the_nodes_in_few_files():
     below = COLLECTION + NODES.replace("/", ".") + ".protocol"
     for path in sources(PLUGIN_UTILS):
         taken = {name for name in imports(path) if name.startswith(COLLECTION + "roles")}

@@ -166,12 +166,11 @@ def route_to(destination: str) -> RouteTo:
 
 
 def is_address(text: str) -> bool:
-    """True for an IPv4 address."""
+    """True for an IPv4 address in its usual spelling: 010 is 8 for some programs, and 10 for some versions of Python."""
     try:
-        ipaddress.IPv4Address(text)
+        return str(ipaddress.IPv4Address(text)) == text
     except ValueError:
         return False
-    return True
 
 
 def default_routes() -> typing.List[RouteTo]:

@@ -8,12 +8,12 @@ They would be found as nodes that do not answer, on every robot.
 
 import re
 import typing
-from urllib.parse import urlsplit
 
 from .._base.deadlines import call_all
 from .._contract.outcomes import Outcome
 from .._machine.outcomes import connect
 from .measure.talker import node_of
+from .ros_client.hosts import place_of
 from .ros_client.listener import listener_of
 from .ros_client.ros import Ros
 
@@ -49,8 +49,8 @@ def _find_ended(ros: Ros, node: str) -> str:
     """Return the URI of a node if no program listens there, else an empty text. A program that does not answer may be busy."""
     try:
         uri = str(ros.ask("lookupNode", node))
-        parsed = urlsplit(uri)
-        outcome = connect(parsed.hostname or "", parsed.port or 0, CONNECT).outcome
-    except (OSError, ValueError):  # it has just gone, or its URI is malformed
+    except (OSError, ValueError):  # it has just gone
         return ""
+    host, port = place_of(uri)
+    outcome = connect(host, port, CONNECT).outcome if host and port else Outcome.NOT_TRIED
     return uri if outcome == Outcome.REFUSED else ""

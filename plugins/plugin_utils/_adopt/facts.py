@@ -13,9 +13,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
-from urllib.parse import urlsplit
 
 from .._base.features import load_hooks
+from .._base.hosts import is_address, place_of
 from .._base.plain_text import plain, quote
 from .._base.sentences import UnexpectedValue
 from .._inventory import kinds
@@ -213,11 +213,7 @@ def _read_masters(info: Info) -> Iterable[Uri]:
 
 def uri(text: Any) -> Uri | None:
     """Return host and port of a URI such as http://tibi-nav:11311; None where it is none."""
-    try:
-        parts = urlsplit(str(text))
-        host = parts.hostname or ""
-        if parts.scheme != "http" or not (kinds.is_host_name(host) or IPv4Address(host)):
-            return None
-        return Uri(host, parts.port or 11311)
-    except ValueError:  # no address, or no port
+    host, port = place_of(str(text))
+    if not str(text).lower().startswith("http:") or not (kinds.is_host_name(host) or is_address(host)):
         return None
+    return Uri(host, port or 11311)

@@ -5,6 +5,7 @@
 __all__ = (
     "advice",
     "features",
+    "hosts",
     "plain",
     "plain_text",
     "sentences",

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, ip_address, ip_network
 from typing import Any, NamedTuple, TypeVar
 
+from .._base import hosts
 from .._base.sentences import UnexpectedValue, nearest
 from . import exports
 from .filters import Filters, InvalidPattern
@@ -44,7 +45,7 @@ def _items(value: Any, expected: str) -> Sequence[Any]:
 
 def is_host_name(value: Any) -> bool:
     """Return True for a host name (RFC 1123) that is no address."""
-    return isinstance(value, str) and bool(_NAME.fullmatch(value)) and not value.replace(".", "").isdigit()
+    return isinstance(value, str) and bool(_NAME.fullmatch(value)) and hosts.is_host_name(value.lower())
 
 
 def name(value: Any) -> str:

@@ -168,7 +168,7 @@ def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values
     elif not kinds.is_host_name(host):
         problems.append(
             f"{host}: its name in the inventory is '{host}'; expected a host name of letters, digits and hyphens "
-            "(RFC 1123), since it is the name by which the other computers know it: rename it."
+            "(RFC 1123) whose last part is no number, since it is the name by which the other computers know it: rename it."
         )
     return values
 

@@ -21,7 +21,7 @@ from ..._machine.outcomes import classify_error, connect
 from ..ros_client import message_types, node_hosts, node_services, tcpros
 from ..ros_client.documents import NODE, STATE
 from ..ros_client.facts import IMPORTS
-from ..ros_client.node_services import read_host
+from ..ros_client.hosts import host_of, place_of, spell_host
 from ..ros_client.ros import CALLER, Ros
 from ..ros_client.xml_rpc import server
 
@@ -74,7 +74,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     found["connections"], silent, asked = _connections(_sample(nodes), named, Places(members), own)
     found["nodes"] = {"registered": len(nodes), "asked": asked, "hosts": node_hosts.count_hosts(nodes)}
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
-    found["silences"] = [dict(silent[node], node=node, host=read_host(nodes[node])) for node in found["silent"]]
+    found["silences"] = [dict(silent[node], node=node, host=host_of(nodes[node])) for node in found["silent"]]
     return found
 
 
@@ -183,7 +183,7 @@ def _connections(
     lengths: typing.Counter[str] = collections.Counter()  # robot -> characters of the connections with it
     answers = call_all(_bus_info, sorted(nodes.items()), NODES, lambda node: BusInfo([], Outcome.NOT_TRIED))
     told = [links(answer.entries) for answer in answers]
-    places.look_up([*map(read_host, nodes.values()), *(link["host"] for each in told for link in each)])
+    places.look_up([*map(host_of, nodes.values()), *(link["host"] for each in told for link in each)])
     for node, answer, each in zip(sorted(nodes), answers, told):
         if answer.error:
             silent[node] = {
@@ -194,7 +194,7 @@ def _connections(
         for link in each:
             peer = named.get(link["peer"], link["peer"])
             other = places.robot(link["host"])
-            if other in ("", robot) or (peer in nodes and places.robot(read_host(nodes[peer])) == other):
+            if other in ("", robot) or (peer in nodes and places.robot(host_of(nodes[peer])) == other):
                 continue
             del link["number"]
             link.update(peer=peer, node=node, robot=other)
@@ -223,7 +223,8 @@ def _bus_info(item: typing.Tuple[str, str]) -> BusInfo:
         return BusInfo([], Outcome.FAILED, plain(str(problem)) or type(problem).__name__)
     if outcome != Outcome.NO_ANSWER:
         return BusInfo([], outcome, error, outcome)
-    return BusInfo([], outcome, error, connect(read_host(item[1]), node_hosts.read_port(item[1]), OPENS).outcome)
+    host, port = place_of(item[1])
+    return BusInfo([], outcome, error, connect(host, port, OPENS).outcome if host else Outcome.NOT_TRIED)
 
 
 def _drop_ended(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]) -> typing.List[str]:
@@ -272,7 +273,7 @@ def links(entries: typing.Any) -> typing.List[typing.Dict[str, typing.Any]]:
         peer, inward = entry[1], entry[2] == "i"
         text = entry[6] if len(entry) > 6 else ""
         end = OTHER_END.search(text if isinstance(text, str) else "")
-        place = end.group(1).lower() if end else read_host(peer if inward else "")
+        place = spell_host(end.group(1)) if end else host_of(peer if inward else "")
         direction = "in" if inward else "out"
         found.append({"number": entry[0], "direction": direction, "topic": entry[4], "peer": peer, "host": place})
     return found

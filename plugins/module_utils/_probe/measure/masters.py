@@ -6,7 +6,6 @@
 import time
 import typing
 import xmlrpc.client
-from urllib.parse import urlsplit
 
 from ..._base.deadlines import poll
 from ..._base.plain_text import quote
@@ -15,6 +14,7 @@ from ..._contract.outcomes import Outcome
 from ..._machine import network as machine
 from ..._machine.outcomes import connect
 from ..multicast.helper import LATEST
+from ..ros_client.hosts import port_of
 from ..ros_client.xml_rpc import server
 from . import network
 
@@ -46,7 +46,7 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
 
 def _roscore(master: typing.Dict[str, typing.Any]) -> typing.Tuple[str, str]:
     """Try the port of a master's roscore; return "open", or why it does not open, and the outcome. Without a URI it is not tried."""
-    port = urlsplit(master.get("uri") or "").port
+    port = port_of(master.get("uri") or "")
     if not port:
         return "", Outcome.NOT_TRIED.value
     answer = _connect(master.get("roscore") or master["address"], port)

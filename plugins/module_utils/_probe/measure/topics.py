@@ -5,13 +5,13 @@
 
 import time
 import typing
-from urllib.parse import urlsplit
 
 from ..._base.deadlines import PAUSE, call_all, poll
 from ..._base.plain_text import plain, quote
 from ..._base.problem import tell_reason
 from ..._contract.outcomes import Outcome
 from ..._machine.outcomes import connect
+from ..ros_client.hosts import place_of
 from ..ros_client.listener import Listener, Message, listener_of
 from ..ros_client.ros import Ros, roscore
 from .network import TRIES
@@ -67,12 +67,10 @@ def _reach_unheard(rows: typing.List[typing.Dict[str, typing.Any]]) -> None:
 
 def _reach(entry: typing.Dict[str, typing.Any]) -> typing.Tuple[Outcome, str]:
     """Connect to the publisher of a topic that was not heard: a message that is late is told from a way that is closed."""
-    try:
-        uri = urlsplit(entry["publishers"][0]["uri"])
-        address = uri.hostname or "", uri.port or 0
-    except ValueError:
+    host, port = place_of(entry["publishers"][0]["uri"])
+    if not host:
         return Outcome.FAILED, "its URI is none"
-    answer = connect(*address, CONNECT)
+    answer = connect(host, port, CONNECT)
     return answer.outcome, answer.words
 
 

@@ -12,7 +12,7 @@ import typing
 from ..._base.deadlines import call_all
 from ..._base.plain_text import LONGEST
 from ..ros_client.documents import NODE
-from ..ros_client.node_services import read_host
+from ..ros_client.hosts import host_of
 from ..ros_client.ros import CALLER, Ros
 from ..ros_client.xml_rpc import server
 from .exchange import Places, links, node_uris
@@ -62,7 +62,7 @@ def measure_traffic(
 def _find_sent(uri: str, places: Places, robot: str) -> Sent:
     """Ask a node of the robot for its connections with subscribers of other robots; none without an answer."""
     try:
-        answer = server(uri, NODE).getBusInfo(CALLER)[2] if places.robot(read_host(uri)) == robot else []
+        answer = server(uri, NODE).getBusInfo(CALLER)[2] if places.robot(host_of(uri)) == robot else []
     except Exception:  # whatever a strange node makes of it; exchange names the nodes that do not answer
         return {}
     sent = {}

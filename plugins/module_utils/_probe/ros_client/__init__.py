@@ -6,6 +6,7 @@ __all__ = (
     "documents",
     "facts",
     "header",
+    "hosts",
     "listener",
     "message_types",
     "node",

@@ -17,6 +17,7 @@ from functools import partial
 from ..._base.plain_text import quote
 from ..._base.problem import tell_reason
 from . import node, tcpros
+from .hosts import spell_host
 from .ros import Ros
 from .xml_rpc import server
 
@@ -34,7 +35,10 @@ def place_of(topic: str, uri: str, caller: str) -> typing.Tuple[str, int]:
     code, answer, place = server(uri).requestTopic(caller, topic, [["TCPROS"]])
     if code != 1:
         raise OSError(f"it does not give the topic: {quote(answer)}")
-    return str(place[1]), int(place[2])
+    host, port = spell_host(str(place[1])), int(place[2])
+    if not host:
+        raise OSError(f"it gives the topic at {quote(place[1])}, which is no usual spelling of a host")
+    return host, port
 
 
 def listener_of(computer: str) -> str:

@@ -6,7 +6,8 @@
 import collections
 import typing
 
-from .node_services import read_host
+from ..._base.plain_text import LINE, plain
+from .hosts import host_of, place_of
 
 MOST = 100  # nodes and processes that are reported
 
@@ -42,20 +43,16 @@ def announced(
     }
     found = []
     for node, uri in sorted(nodes.items()):
-        host, its = read_host(uri), read_host(services.get(node, ""))
+        (host, port), its = place_of(uri), host_of(services.get(node, ""))
         elsewhere = bool(host and its) and computers.get(host, host) != computers.get(its, its)
-        if host and (host not in computers or elsewhere):
-            found.append({"node": node, "host": host, "port": read_port(uri), "services": its if elsewhere else ""})
+        if "://" in uri and (host not in computers or elsewhere):
+            # A host in another spelling, which each program reads in its own way, stands there with all of its URI.
+            shown = host or plain(uri, LINE)
+            found.append({"node": node, "host": shown, "port": port, "services": its if elsewhere else ""})
     return found[:MOST]
 
 
 def count_hosts(nodes: typing.Dict[str, str]) -> typing.List[Row]:
     """Count the nodes ({node: URI}) of each host that is announced, those with most nodes first."""
-    counts = collections.Counter(map(read_host, nodes.values()))
+    counts = collections.Counter(map(host_of, nodes.values()))
     return [{"host": host, "nodes": number} for host, number in counts.most_common(MOST)]
-
-
-def read_port(uri: str) -> int:
-    """Return the port of a URI; 0 where it has none. A node may have registered any text as its URI."""
-    digits = uri.rstrip("/").rpartition(":")[2]
-    return int(digits) if digits.isdigit() and len(digits) <= 5 else 0

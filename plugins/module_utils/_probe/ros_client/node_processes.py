@@ -15,10 +15,9 @@ from urllib.parse import urlsplit
 
 from ..._base import processes
 from ..._base.commands import text
-from ..._base.plain_text import LONGEST, plain
+from ..._base.plain_text import LONGEST, is_plain, plain
 from ..._machine import ports
 from .node_hosts import MOST, Members, Row, list_hosts
-from .node_services import read_host
 
 LOOPBACK = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback", "127.0.0.1", "127.0.1.1", "::1")
 ROSCORE_PORT = 11311  # of a URI without a port (rosgraph.rosenv)
@@ -71,9 +70,10 @@ class Planned:
 
 
 def _read_place(uri: str) -> typing.Tuple[str, int]:
-    """Return host and port of the URI of a roscore; an empty host where it has none."""
+    """Return host and port of the URI of a roscore as rosgraph reads it in the environment of a person; an empty host where it has none."""
     try:
-        return read_host(uri), urlsplit(uri).port or ROSCORE_PORT
+        parts = urlsplit(uri)
+        return (parts.hostname or "").lower() if is_plain(uri) else "", parts.port or ROSCORE_PORT
     except ValueError:
         return "", 0
 

@@ -8,11 +8,10 @@ even those of another robot, which would tell what is known and registered there
 """
 
 import typing
-from urllib.parse import urlsplit
 
 from ..._base.deadlines import call_all
-from ..._base.plain_text import is_plain
 from ..._machine import network
+from .hosts import host_of
 from .xml_rpc import ask
 
 LIST_MASTERS, SYNC_INFO = "/list_masters", "/get_sync_info"  # the ends of their names
@@ -30,7 +29,7 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
         (name for name in services if name.endswith(end)), key=lambda name: (not name.startswith(USUAL), name)
     )
     hosts = {name: _look_up(roscore, caller, name) for name in names[:MOST]}
-    here = read_host(roscore)
+    here = host_of(roscore)
     others = sorted({host for host in hosts.values() if host not in ("", here)})
     if not others:  # the usual case: nothing is looked up
         return sorted(hosts, key=lambda name: hosts[name] == "")
@@ -44,16 +43,8 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
 def _look_up(roscore: str, caller: str, service: str) -> str:
     """Return the host of a service; empty where the roscore knows none."""
     try:
-        return read_host(str(ask(roscore, caller, "lookupService", service)))
+        return host_of(str(ask(roscore, caller, "lookupService", service)))
     except OSError:
-        return ""
-
-
-def read_host(uri: str) -> str:
-    """Return the host of a URI in small letters, or an empty text. A node may have registered any text as its URI."""
-    try:
-        return (urlsplit(uri).hostname or "").lower() if is_plain(uri) else ""
-    except ValueError:
         return ""
 
 

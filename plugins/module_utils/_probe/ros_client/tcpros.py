@@ -13,11 +13,11 @@ import socket
 import struct
 import time
 import typing
-import urllib.parse
 
 from ..._base.plain_text import plain, quote
 from . import node
 from .header import decode_fields, encode_block, encode_header
+from .hosts import place_of
 from .xml_rpc import ask
 
 CALL = 5.0  # seconds that a call may take, from the connection to the last byte
@@ -129,10 +129,10 @@ def call(uri: str, service: str, known: Types, caller: str) -> typing.Tuple[typi
     """Call a service at its URI (rosrpc://host:port); return the list in its answer, and its type. Raises OSError with a sentence."""
     deadline = time.monotonic() + CALL
     with _explain(f"{service} gave no answer within {CALL:g} s", f"{service} gave an answer that is none"):
-        place = urllib.parse.urlsplit(uri)
-        if place.scheme != "rosrpc" or not place.hostname or not place.port:
+        host, port = place_of(uri)
+        if not uri.startswith("rosrpc:") or not host or not port:
             raise ValueError(f"{quote(uri)} is no address of a service")
-        with socket.create_connection((place.hostname, place.port), CALL) as connection:
+        with socket.create_connection((host, port), CALL) as connection:
             connection.sendall(encode_header({"callerid": caller, "service": service, "md5sum": "*"}))
             fields = decode_fields(_read_block(connection, _HEADER, deadline), "replace")
             if "error" in fields:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from ipaddress import IPv4Address
 
 from ..._base.features import load_hooks
+from ..._base.hosts import host_of
 from ..._plan.model import COMMON
 from ..context import needs
 from ..context.case import Case
@@ -17,7 +18,7 @@ from ..context.packet_filters import GROUP, ROSCORE
 from ..context.policy_routing import taker
 from ..observe.observations import Datagrams, ListedMaster, Route
 from ..observe.outcomes import Outcome
-from ..observe.uris import host_of, is_one_of
+from ..observe.uris import is_one_of
 from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
 from .hooks import CheckHooks
 

@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
+from ..._base.hosts import host_of
 from ..context import needs, stages
 from ..context.case import Case
 from ..context.needs import Parts, make_parts
 from ..context.stages import Stage
 from ..observe.observations import HeardTopic, Probe
 from ..observe.outcomes import Outcome
-from ..observe.uris import host_of
 from .engine import FAILED, MEMBER, OK, UNKNOWN, WARNING, Check, Judgement
 
 # A topic is heard
@@ -114,7 +114,7 @@ def _judge_direct_connection(case: Case) -> Judgement | None:
     called = case.ways.called[case.target]
     good = all(host_of(publisher.uri) in called for publisher in publishers)
     found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
-    others = sorted({host_of(publisher.uri) for publisher in publishers if publisher.uri} - called)
+    others = sorted({host_of(publisher.uri) or publisher.uri for publisher in publishers if publisher.uri} - called)
     shell = make_parts("environment", case.target, "shell", what=f"they call themselves {', '.join(others)}")
     return Judgement(
         OK if good else FAILED, f"the publisher is on {case.target}", found, shell if others else frozenset()

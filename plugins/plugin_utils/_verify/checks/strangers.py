@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from ipaddress import IPv4Address
 
+from ..._base.hosts import host_of
 from ..._plan.model import COMMON
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts
 from ..observe.observations import Outsider
-from ..observe.uris import host_of, is_one_of
+from ..observe.uris import is_one_of
 from .engine import WARNING, Check, Judgement, judge_fault
 
 

@@ -13,11 +13,11 @@ from collections.abc import Iterable, Mapping
 from ipaddress import IPv4Address, IPv4Interface, ip_address
 from typing import NamedTuple
 
+from ..._base.hosts import host_of
 from ..._base.sentences import shorten_list
 from ..._plan.model import FleetPlan, Membership
 from ..components.parts import Part
 from ..observe.observations import AnnouncedHost, ForwardingInterface, NodeHost, Probe
-from ..observe.uris import host_of
 from .registrations import TEST_NODES
 
 LOOPBACK_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback")

@@ -1,13 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""URIs of masters and nodes: comparison, and the host in them."""
+"""URIs of masters and nodes: comparison."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from urllib.parse import urlsplit
 
 CACHE_SIZE = 10000  # a fleet has few URIs, and each is seen from many computers
 
@@ -26,12 +25,3 @@ def is_same_uri(one: str, other: str) -> bool:
 def is_one_of(uri: str, others: Iterable[str]) -> bool:
     """Return True if a URI is among others."""
     return any(is_same_uri(uri, other) for other in others)
-
-
-@lru_cache(CACHE_SIZE)
-def host_of(uri: str) -> str:
-    """Return the host of a URI in small letters; empty for a URI without a host, and for any other text."""
-    try:
-        return urlsplit(uri).hostname or ""
-    except ValueError:  # as "http://[" makes it
-        return ""

@@ -2,14 +2,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Who belongs to the fleet."""
 
-import socket
-
 import pytest
 from fleet_of_one import ROUTER, TIBI, URI
-from hypothesis import given
-from hypothesis import strategies as st
 from rosfleet_multimaster.protocol import parameters
-from rosfleet_multimaster.protocol.members import Members, Networks, is_address, place_of
+from rosfleet_multimaster.protocol.members import Members, Networks
 
 
 def members(strangers="ignore", allow=()):
@@ -82,40 +78,3 @@ def test_the_members_of_the_plan_are_taken():
         parameters.SYNC, {"members": [TIBI, ROUTER], "strangers": "ignore", "allow": []}
     )
     assert not warnings and Members.from_parameters(values).master(URI).robot == "tibi"
-
-
-@pytest.mark.parametrize(
-    ("uri", "place"),
-    {
-        "http://Tibi-Visio:34567/": ("tibi-visio", 34567),
-        "rosrpc://tibi_laser.lab.:1": ("", 1),
-        "rosrpc://tibi_laser.lab:1": ("tibi_laser.lab", 1),
-        "http://192.168.1.9": ("192.168.1.9", 0),
-        "http://[FE80:0::01]:9/": ("fe80::1", 9),
-        "http://[::ffff:192.168.1.9]:9/": ("", 0),
-        "http://[::FFFF:c0a8:109]:9/": ("", 9),
-        "http://[fe80::1%eth0]:9/": ("", 0),
-        "http://3com.example:9/": ("3com.example", 9),
-        "http://example.3com:9/": ("example.3com", 9),
-        "http://example.3:9/": ("", 9),
-        "http://a..b:9/": ("", 9),
-        "http://-a:9/": ("", 9),
-        "http://a:65536/": ("", 0),
-        "http://a:1_0/": ("", 0),
-        "http://a:9/\n": ("", 0),
-    }.items(),
-)
-def test_a_place_has_one_spelling(uri, place):
-    assert place_of(uri) == place
-
-
-@given(st.text("0123456789abcdefx.X-[]:%@/\uff11\u3002 ", max_size=24))
-def test_what_libc_takes_for_an_address_is_one_or_refused(text):
-    """inet_aton(3) has many spellings, and getaddrinfo(3) takes them all."""
-    host = place_of(f"http://{text}:1/")[0]
-    assert place_of(f"http://{host}:1/")[0] == host or ":" in host, "the only spelling is its own"
-    try:
-        socket.inet_aton(host)
-    except OSError:
-        return
-    assert is_address(host)

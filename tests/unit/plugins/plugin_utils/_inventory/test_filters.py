@@ -8,12 +8,12 @@ import pathlib
 import sys
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import plain_text
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import hosts, plain_text
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import exports, filters
 
 ROOT = pathlib.Path(__file__).resolve().parents[5]
 PROTOCOL = ROOT / "roles/nodes/files/python/rosfleet_multimaster/protocol"
-TAKEN = {"filters": filters.Filters, "plain_text": plain_text.plain}
+TAKEN = {"filters": filters.Filters, "plain_text": plain_text.plain, "tcpros/hosts": hosts.place_of}
 NEEDED = [*TAKEN, "members", "parameters"]
 
 
@@ -30,7 +30,8 @@ def test_it_needs_the_standard_library_only(name):
     names = {alias.name for node in imports if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module for node in imports if isinstance(node, ast.ImportFrom) and not node.level}
     assert {name.partition(".")[0] for name in names} <= sys.stdlib_module_names | {"sre_compile", "sre_parse"}
-    assert {node.module for node in imports if isinstance(node, ast.ImportFrom) and node.level} <= set(NEEDED)
+    modules = {node.module.replace(".", "/") for node in imports if isinstance(node, ast.ImportFrom) and node.level}
+    assert modules <= set(NEEDED)
 
 
 def test_every_filter_of_the_fleet_is_a_parameter_of_the_nodes():

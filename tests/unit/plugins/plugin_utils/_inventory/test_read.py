@@ -473,21 +473,21 @@ def test_one_wrong_line_of_the_inventory_is_one_sentence():
     )
 
 
-@pytest.mark.parametrize(("other", "clashes"), [("robot.1", True), ("robot-2", False)])
+@pytest.mark.parametrize(("other", "clashes"), [("robot.a", True), ("robot-b", False)])
 def test_names_that_are_one_in_names_of_ros_are_refused(other, clashes):
     """Their talkers would have one topic and one node, so the one would be judged by the messages of the other."""
     values = {
         host: {"multimaster_common_network": "192.168.1.0/24", "multimaster_address": f"192.168.1.{number}"}
-        for number, host in enumerate(("robot-1", other), 1)
+        for number, host in enumerate(("robot-a", other), 1)
     }
-    inventory = fleet_module.Inventory(robots={"one": ["robot-1"], "two": [other]}, variables=values)
+    inventory = fleet_module.Inventory(robots={"one": ["robot-a"], "two": [other]}, variables=values)
     try:
         fleet_module.read_fleet(inventory)
         found = []
     except fleet_module.InventoryProblems as wrong:
         found = wrong.problems
     assert [problem.partition(", ")[0] for problem in found] == (
-        ["robot.1: its name differs from robot-1 in signs alone"] if clashes else []
+        ["robot.a: its name differs from robot-a in signs alone"] if clashes else []
     )
 
 

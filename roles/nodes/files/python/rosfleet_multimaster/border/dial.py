@@ -14,8 +14,8 @@ from ..edge.addresses import address_of
 from ..edge.core.shares import Shares
 from ..edge.loop import Done, Job, Loop, Workers
 from ..edge.rpc_client import SMALL, Rpc
-from ..protocol.members import is_address, place_of
 from ..protocol.plain_text import quote
+from ..protocol.tcpros.hosts import is_address, place_of
 
 SECONDS = 5.0  # for each question and each connection
 AT_ONCE = 2  # connections that are being made to one place

@@ -9,9 +9,9 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 from ..edge.process import program
 from ..edge.roscore import Roscore, RoscoreGraph
 from ..protocol import imports
-from ..protocol.members import host_of
 from ..protocol.messages import View
 from ..protocol.plain_text import quote
+from ..protocol.tcpros.hosts import host_of
 from .account import Accounts
 from .board import OfferBoard
 from .core.channels import SERVICE, TOPIC, Own, OwnNodes, list_offers, list_own

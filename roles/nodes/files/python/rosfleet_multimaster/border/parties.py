@@ -6,7 +6,8 @@ from typing import Any, Callable, Container, Dict, Iterable, List, Mapping, Set
 
 from ..edge.addresses import local_hosts
 from ..edge.clock import keep_fresh
-from ..protocol.members import Members, is_address
+from ..protocol.members import Members
+from ..protocol.tcpros.hosts import is_address
 from .core.channels import Channel
 
 NAME = "/master_border"  # of the node

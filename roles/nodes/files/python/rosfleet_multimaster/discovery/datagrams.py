@@ -10,7 +10,7 @@ from ..edge.addresses import Changes, addresses_of_all, network, resolve, source
 from ..edge.clock import monotonic
 from ..edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from ..edge.process import program
-from ..protocol.members import is_address
+from ..protocol.tcpros.hosts import is_address
 from .core.actions import Send
 from .udp import Datagram, Socket, Udp
 

@@ -10,7 +10,7 @@ import struct
 from functools import partial
 from typing import Dict, Iterable, Iterator, List, NamedTuple, Set, Tuple
 
-from ..protocol.members import host_of
+from ..protocol.tcpros.hosts import host_of
 from .clock import monotonic
 from .patience import run_with_limit
 

@@ -5,7 +5,7 @@
 import socket
 from typing import Callable, Optional
 
-from ..protocol.members import place_of
+from ..protocol.tcpros.hosts import place_of
 from .loop import Loop
 
 CONNECT = 2.0  # seconds

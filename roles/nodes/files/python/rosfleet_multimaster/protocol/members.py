@@ -7,11 +7,10 @@
 """
 
 import ipaddress
-import re
-from functools import lru_cache
-from typing import Any, FrozenSet, Iterable, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, FrozenSet, Iterable, Mapping, NamedTuple, Optional
 
 from .plain_text import quote
+from .tcpros.hosts import port_of
 
 IGNORE, ALLOW = "ignore", "allow"
 STRANGERS, ALLOWED = "", "allowed computers"  # who is at an address, in the place of a robot
@@ -129,52 +128,3 @@ class Members:
 def normalize_uri(uri: str) -> str:
     """A URI of a master in one spelling: case and the slash at its end do not matter."""
     return uri.lower().rstrip("/")
-
-
-# No path, user or query: programs differ in what they take for the host of such a text.
-_URI = re.compile(r"[a-z]+://(?:([a-z0-9_.-]+)|\[([0-9a-f:]+)\])(?::([0-9]{1,5}))?/?", re.ASCII | re.IGNORECASE)
-_LABEL = "[a-z0-9_](?:[a-z0-9_-]{0,61}[a-z0-9_])?"
-# getaddrinfo(3) takes a number at the end for an address: 127.1, 2130706433, 0x7f.1
-_HOST_NAME = re.compile(rf"(?:{_LABEL}\.)*(?!(?:[0-9]+|0x[0-9a-f]*)\Z){_LABEL}")
-
-
-@lru_cache(4096)  # used with each news of a master
-def place_of(uri: str) -> Tuple[str, int]:
-    """The host of a URI in its only spelling, and its port, 0 where it has none. An empty host: it has none, or another spelling.
-
-    A host is an IPv4 address in its usual spelling, an IPv6 address as RFC 5952 writes it, or a name in small letters. All
-    other ways to write an address are refused, since a list of hosts has each one once.
-    """
-    found = _URI.fullmatch(uri)
-    if found is None or int(found[3] or 0) >= 1 << 16:
-        return "", 0
-    name, inner = (found[1] or "").lower(), found[2]
-    good = is_address(name) or _HOST_NAME.fullmatch(name)
-    return (_normalize_ipv6(inner) if inner else name if good else ""), int(found[3] or 0)
-
-
-def _normalize_ipv6(text: str) -> str:
-    """An IPv6 address in its only spelling; empty for none, and for an IPv4 address that is written as one."""
-    try:
-        address = ipaddress.IPv6Address(text)
-    except ValueError:
-        return ""
-    return "" if address.ipv4_mapped else str(address)
-
-
-def host_of(uri: str) -> str:
-    """The host of a URI as `place_of` has it."""
-    return place_of(uri)[0]
-
-
-def port_of(uri: str) -> int:
-    """The port of a URI; 0 where it has none."""
-    return place_of(uri)[1]
-
-
-def is_address(host: str) -> bool:
-    """True for an IPv4 address in its usual spelling: 010 is 8 for some programs."""
-    try:
-        return str(ipaddress.IPv4Address(host)) == host
-    except ValueError:
-        return False

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Sequence, Tuple
 
 from .filters import HIDDEN, HOSTS, NAMES, Filters, InvalidPattern, Pattern
-from .members import ALLOW, IGNORE, is_address
+from .members import ALLOW, IGNORE
+from .tcpros.hosts import is_address
 
 GUESSES = 20  # unknown names for which a known one is looked for
 SHORTEST = 2.0  # seconds of ~offline_after: less leaves no time to ask

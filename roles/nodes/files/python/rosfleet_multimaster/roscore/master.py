@@ -25,8 +25,8 @@ from ..edge.clock import monotonic
 from ..edge.loop import start_thread
 from ..edge.roscore import TOGETHER
 from ..protocol import imports, json_text
-from ..protocol.members import host_of
 from ..protocol.plain_text import plain, quote
+from ..protocol.tcpros.hosts import host_of
 from . import programs
 from .core.bounds import BOUNDS, Refusal, Usage, check_names, is_writable, refuse, weigh, weigh_parameter
 from .core.name_guard import NameGuard

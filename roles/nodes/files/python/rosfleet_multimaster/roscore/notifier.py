@@ -9,7 +9,7 @@ from typing import Any, Callable, Optional, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.rpc_client import Rpc
-from ..protocol.members import host_of
+from ..protocol.tcpros.hosts import host_of
 from .core.notifications import WORKERS, Call, Notifications
 
 _log = logging.getLogger("rosfleet.notifier")

@@ -6,8 +6,8 @@ import socket
 import struct
 
 from ..edge.clock import monotonic
-from ..protocol.members import place_of
 from ..protocol.tcpros.header import decode_fields, encode_header
+from ..protocol.tcpros.hosts import place_of
 
 _MOST = 1 << 14  # bytes of a header
 

@@ -19,9 +19,9 @@ from ..edge.roscore import RoscoreGraph
 from ..edge.rpc_client import Rpc
 from ..protocol import imports
 from ..protocol.imports import Claims
-from ..protocol.members import host_of
 from ..protocol.messages import Registration, View
 from ..protocol.plain_text import quote
+from ..protocol.tcpros.hosts import host_of
 from .core.step import Condition, Knowledge, apply_plan, condition_of, step
 from .core.sync import NEVER, Candidate, Plan, Refusal, Sync, calls, nodes_of, plan
 from .disconnector import Disconnector

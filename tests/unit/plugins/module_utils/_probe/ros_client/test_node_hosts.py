@@ -3,6 +3,7 @@
 
 """The hosts that nodes announce in their URIs."""
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import plain_text
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node_hosts
 
 MEMBERS = [
@@ -22,9 +23,11 @@ def test_planned_hosts_of_the_robot_are_left_out():
         "/f": "http://[::1]:77/",
         "/g": "nonsense",
         "/h": "http://far:" + "9" * 5000,
+        "/i": "http://2130706433:41233/",
     }
     found = {(row["node"], row["host"], row["port"]) for row in node_hosts.announced(nodes, {}, MEMBERS, "here-pc")}
-    assert found == {("/d", "127.0.0.1", 41233), ("/e", "there-pc", 1), ("/f", "::1", 77), ("/h", "far", 0)}
+    odd = ("/h", plain_text.plain(nodes["/h"], plain_text.LINE), 0), ("/i", "http://2130706433:41233/", 41233)
+    assert found == {("/d", "127.0.0.1", 41233), ("/e", "there-pc", 1), ("/f", "::1", 77), *odd}
 
 
 def test_services_on_another_computer_are_told():

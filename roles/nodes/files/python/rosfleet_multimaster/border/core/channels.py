@@ -11,8 +11,8 @@ from typing import Any, Container, Dict, Iterable, List, Mapping, NamedTuple, Op
 
 from ...protocol.filters import MAX_NAME, Pattern
 from ...protocol.graph import NAME, VISIBLE
-from ...protocol.members import host_of
 from ...protocol.messages import NodeKey
+from ...protocol.tcpros.hosts import host_of
 from .frames import STATIC, STATIC_TYPE, Frames
 from .rates import NO_RATE, Rate
 

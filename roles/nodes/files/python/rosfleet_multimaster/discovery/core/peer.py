@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any, Deque, Dict, NamedTuple, Optional, Tuple
 
 from ...protocol.heartbeat import Heartbeat
-from ...protocol.members import host_of
 from ...protocol.messages import Master
 from ...protocol.plain_text import is_plain, quote
+from ...protocol.tcpros.hosts import host_of
 
 Key = Tuple[str, int, int]  # address and UDP port of the sender, port of its XML-RPC server
 LONG_AGO, FAR = float("-inf"), float("inf")

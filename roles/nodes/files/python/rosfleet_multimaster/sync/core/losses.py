@@ -16,8 +16,9 @@ import re
 from dataclasses import dataclass, field
 from typing import AbstractSet, Any, Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Set, Tuple
 
-from ...protocol.members import LOWEST, Members, host_of, port_of
+from ...protocol.members import LOWEST, Members
 from ...protocol.messages import NodeKey, Registration, View
+from ...protocol.tcpros.hosts import host_of, port_of
 from .permission import ports
 
 FORGET = 930.0  # seconds after a loss: by then TCP itself has given up (net.ipv4.tcp_retries2)

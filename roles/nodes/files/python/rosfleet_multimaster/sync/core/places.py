@@ -11,8 +11,9 @@ second master on this computer has nodes here.
 from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set
 
 from ...protocol.graph import State
-from ...protocol.members import LOWEST, Member, Members, host_of, is_address, place_of
+from ...protocol.members import LOWEST, Member, Members
 from ...protocol.plain_text import quote
+from ...protocol.tcpros.hosts import host_of, is_address, place_of
 
 LOCAL_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost")
 MAX_NAMES = 16  # hosts of one state that are looked up

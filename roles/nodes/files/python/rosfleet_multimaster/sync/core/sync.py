@@ -17,8 +17,9 @@ from ...protocol.differences import changes, excerpt, names_of
 from ...protocol.filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from ...protocol.graph import LOCAL, State
 from ...protocol.imports import Claims
-from ...protocol.members import Members, host_of
+from ...protocol.members import Members
 from ...protocol.messages import Master, NodeKey, Registration, View, rows
+from ...protocol.tcpros.hosts import host_of
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
 PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anyone can announce a change
