@@ -27,6 +27,8 @@ _MOST_PARENTS = 8
 _ARGUMENTS = ("__hostname", "__ip")
 _VARIABLES = ("ROS_HOSTNAME", "ROS_IP")
 _STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # who starts shells
+#: units of containers, of which some share the numbers of processes with the computer
+_CONTAINERS = re.compile(r"(?:docker|libpod|cri-containerd|crio|nerdctl|lxc|machine)-.*\.scope\Z")
 _OURS = re.compile(r"multimaster-[a-z-]+\.service\Z")  # checks of their own look at these
 
 
@@ -158,7 +160,7 @@ def _find_host(
 
 def _find_starter(pid: int, unit: str, contained: bool, proc: str) -> typing.Tuple[str, str]:
     """Tell what has started a process: container, launch, unit or shell; and the name of the launch file."""
-    if contained:
+    if contained or _CONTAINERS.match(unit):
         return "container", ""
     launch = _find_launch_file(pid, proc)
     if launch is not None:

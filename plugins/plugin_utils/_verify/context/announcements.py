@@ -56,7 +56,8 @@ class Misplaced(NamedTuple):
         source, unit = self.process.source, self.process.unit
         if self.mode in ("robot", "master"):
             source = "ROS_MASTER_URI" if self.process.readable else ""
-        by = " by the name of the computer" if source == "hostname" else f" by {source}" if source else ""
+        whose = "container" if self.process.starter == "container" else "computer"
+        by = f" by the name of the {whose}" if source == "hostname" else f" by {source}" if source else ""
         return f"{by}, in {unit}" if unit else by
 
     @property

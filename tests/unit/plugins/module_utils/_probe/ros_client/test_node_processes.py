@@ -128,6 +128,8 @@ def _pretend(folder, pid, words, parent=1, cgroup="/user.slice/session-4.scope",
         ("/user.slice/user-1000.slice/user@1000.service", "", 1, ("shell", "")),
         ("/system.slice/odom.service", "", 1, ("unit", "")),
         ("/system.slice/docker-77aa.scope", "\t5", 1, ("container", "")),
+        ("/docker/77aa", "\t5", 1, ("container", "")),
+        ("/machine.slice/libpod-77aa.scope", "", 1, ("container", "")),
         ("/user.slice/session-4.scope", "", 70, ("launch", "robot.launch")),
     ],
 )
