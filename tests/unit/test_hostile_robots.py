@@ -6,6 +6,7 @@
 The same answers come from a real robot in tests/systems/test_hostile_robot.py.
 """
 
+import base64
 import copy
 import functools
 import json
@@ -22,10 +23,14 @@ from ansible_collections.rosfleet.multimaster.plugins.action import (
     fleet_adopt,
     fleet_bundle,
     fleet_check,
+    fleet_follow,
+    fleet_keys,
     fleet_predict,
     fleet_report,
+    fleet_summary,
     fleet_watch,
 )
+from ansible_collections.rosfleet.multimaster.plugins.filter.talkers_heard import talkers_heard
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import providers
@@ -126,7 +131,7 @@ WATCHED = {
 @pytest.fixture(autouse=True)
 def printed(monkeypatch):
     lines = []
-    for module in (fleet_report, fleet_predict, fleet_watch, fleet_bundle):
+    for module in (fleet_report, fleet_predict, fleet_watch, fleet_bundle, fleet_summary):
         monkeypatch.setattr(module.Display, "display", lambda self, text, **_more: lines.append(str(text)))
     return lines
 
@@ -258,6 +263,64 @@ def test_a_verification_and_its_report(seed, tmp_path):
     json.dumps(result)
     assert "passed" in result
     assert sorted(path.name for path in tmp_path.iterdir()) == ["junit.xml", "report.html", "report.page.html"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_runs_once_for_all_between_look_and_report(seed, tmp_path):
+    """A task with run_once that fails ends the run for each computer."""
+    drawn = random.Random(f"once {seed}")
+    probes = {name: to_plain(seen.probe) for name, seen in SEEN.items()}
+    hostvars = {name: {"verify_probe": probe, "verify_started": probe} for name, probe in probes.items()}
+    mine = hostvars["car-nav"]
+    for name in mine:
+        mine[name] = answered(drawn, mine[name], "multimaster_verify")
+    plan = to_plain(fleets.fig12())
+    given = {"fleet": plan, "multicast": "verify_probe.multicast", "probe": "verify_probe"}
+    result = acted(fleet_follow, hostvars, **given, earlier=["verify_started"])
+    json.dumps(result)
+    assert not result.get("failed") and "listeners" in result
+    heard = talkers_heard(plan, hostvars=hostvars, hosts=list(hostvars), registered="verify_started")
+    assert set(heard) >= {"car", "tibi"}
+
+
+BROUGHT = {
+    "changed": True,
+    "msg": "",
+    "concerns": {
+        "managed_files": [{"changed": True, "files": [{"path": "/etc/x", "state": "written"}]}],
+        "managed_services": [{"changed": True, "units": [{"name": "multimaster-sync.service", "state": "restarted"}]}],
+    },
+}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_summary(seed):
+    told = answered(random.Random(f"summary {seed}"), BROUGHT, "multimaster_computer")
+    result = acted(fleet_summary, {HOSTILE: {"brought": told}, HONEST: {"brought": BROUGHT}}, results=["brought"])
+    json.dumps(result)
+    assert not result.get("failed") and any(line.startswith(f"{HONEST}: files") for line in result["computers"])
+
+
+KEYS = {
+    "kobuki1computer": base64.b64encode(b"1" * 32).decode(),
+    "kobuki2computer": base64.b64encode(b"2" * 32).decode(),
+}
+TUNNEL = {"multimaster_tunnel": "wireguard", "multimaster_transport": "unicast", "multimaster_firewall": "fleet"}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_keys_of_a_tunnel(seed, tmp_path):
+    """The honest one has its key in the end, unless the other one tells the same before it is kept."""
+    told = {
+        name: {"told": {"changed": True, "public_key": key, "waiting_key": "", "msg": ""}} for name, key in KEYS.items()
+    }
+    hostile, honest = told
+    told[hostile]["told"] = answered(random.Random(f"keys {seed}"), told[hostile]["told"], "tunnel_key")
+    plan, path = to_plain(fleets.plan(**TUNNEL)), str(tmp_path / "keys")
+    result = acted(fleet_keys, told, fleet=plan, told="told", path=path, rotate=False)
+    json.dumps(result)
+    assert not result.get("failed") and result["keys_by_computer"][honest] == KEYS[honest]
 
 
 @pytest.mark.slow
