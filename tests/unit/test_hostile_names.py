@@ -178,7 +178,7 @@ def of_a_part(name, there):
     def strange():
         raise OSError(name)
 
-    there.patch.setattr(machine, "PARTS", [machine.Part("interfaces", strange, 1, [])])
+    there.patch.setattr(machine, "PARTS", [machine.Part("interfaces", strange, 1)])
     return machine.look({"parts": ["interfaces"]})["problems"][0]
 
 

@@ -7,6 +7,7 @@ __all__ = (
     "clock",
     "computer",
     "fields",
+    "machine",
     "multicast",
     "network",
     "outcomes",

@@ -81,7 +81,9 @@ class Ros(Struct):
     """ROS 1 on a machine."""
 
     problem: str = field(
-        "One sentence about why there is none to use, or what the chosen one lacks. Empty where all is well.", ""
+        "One sentence about why there is none to use, or what the chosen one lacks. Empty where all is well.",
+        "",
+        default="ROS could not be looked for.",
     )
     chosen: typing.Optional[RosInstallation] = field("The installation to use, one of RV(ros.found), or null.")
     found: typing.Tuple[RosInstallation, ...] = field(

@@ -25,7 +25,7 @@ class ServiceManager(Struct):
     running: bool = field("Whether systemd runs this machine.", True)
     version: int = field("Its version, 0 where it is not installed.", 252)
     net_admin: bool = field(
-        "Whether it may give C(CAP_NET_ADMIN) to services, which some containers do not let it.", True
+        "Whether it may give C(CAP_NET_ADMIN) to services, which some containers do not let it.", True, default=True
     )
 
 
@@ -117,8 +117,8 @@ class MulticastRouting(Struct):
 class TunnelSupport(Struct):
     """What a tunnel of WireGuard needs of a machine."""
 
-    kernel: bool = field("Whether the kernel has WireGuard.", True)
-    device: bool = field("Whether there is C(/dev/net/tun), which wireguard-go needs.", True)
+    kernel: bool = field("Whether the kernel has WireGuard.", True, default=True)
+    device: bool = field("Whether there is C(/dev/net/tun), which wireguard-go needs.", True, default=True)
 
 
 class Package(Struct):
@@ -171,7 +171,7 @@ class SshServer(Struct):
     includes_drop_ins: bool = field("Whether it reads the files in C(/etc/ssh/sshd_config.d) for every user.", True)
     other_setenv: typing.Tuple[SetEnv, ...] = field("The C(SetEnv) lines that are not the collection's.")
     match_setenv: bool = field(
-        "Whether it knows C(SetEnv) below a C(Match). OpenSSH 8.4 gives such variables to no user.", True
+        "Whether it knows C(SetEnv) below a C(Match). OpenSSH 8.4 gives such variables to no user.", True, default=True
     )
     path: str = field("The C(PATH) of C(/etc/environment), empty where there is none.", "")
     service: str = field("The active unit of the server, empty where it is not a running service.", "ssh.service")
@@ -209,7 +209,9 @@ class TimeServices(Struct):
     chronyd: str = field("The program of chrony, empty where it is not installed.", "/usr/sbin/chronyd")
     enabled: bool = field("Whether C(chrony.service) starts at boot.", True)
     settable: bool = field(
-        "Whether systemd may let a service set the clock (CAP_SYS_TIME). In most containers it may not.", True
+        "Whether systemd may let a service set the clock (CAP_SYS_TIME). In most containers it may not.",
+        True,
+        default=True,
     )
     others: typing.Tuple[TimeConfiguration, ...] = field(
         "The configurations of time services that somebody has written, not their Debian package and not the collection; at most 20."

@@ -5,13 +5,16 @@
 
 import typing
 
+from .._contract.verify import Probe
+
+_EMPTY = Probe().plain()
+
 
 class Part(typing.NamedTuple):
-    """A part of the result: its key, the function that looks, and the value where it cannot look."""
+    """A part of the result: its key, which is a field of the contract, and the function that looks."""
 
     name: str
     look: typing.Callable[..., typing.Any]
-    default: typing.Any
     # Those of `look`: names of options, `params` for all of them, `ros`, and `deadline` (monotonic seconds).
     arguments: typing.Tuple[str, ...] = ()
     runs_commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
@@ -21,6 +24,15 @@ class Part(typing.NamedTuple):
     final: bool = False
     # It measures for some seconds, with the others of the fleet or alone, so all else goes on meanwhile.
     shared: bool = False
+    unseen: typing.Any = None  # where it cannot look: a text, or the fields with another value than the empty one
+
+    @property
+    def default(self) -> typing.Any:
+        """The value where it cannot look: the empty one of the contract, or `unseen`."""
+        empty: typing.Any = _EMPTY.get(self.name)
+        if isinstance(self.unseen, dict):
+            return dict(empty, **self.unseen)
+        return empty if self.unseen is None else self.unseen
 
 
 class Settling(typing.NamedTuple):

@@ -11,7 +11,6 @@ from .._base.deadlines import call_all
 from .._base.module import validate_options
 from .._base.plain_text import LINE, quote
 from .._base.problem import Problem
-from .._contract.outcomes import Outcome
 from .._features.probes import PROBES
 from .measure import (
     changes,
@@ -34,6 +33,7 @@ from .ros_client.ros import Ros
 
 # Seconds; more than any part takes by its own limits. A part that is later is named and left behind.
 LONGEST = 900.0
+UNSEEN = "not looked at"
 
 Result = typing.Dict[str, typing.Any]
 
@@ -147,54 +147,53 @@ def look_node_hosts(params: Params, ros: Ros) -> typing.List[Result]:
 _ALL = ("params", "ros", "deadline")
 PARTS = (
     # first: it waits most
-    Part("multicast", lambda params: group(params, "collect"), None, ("params",), runs_commands=True, shared=True),
-    Part("traffic", look_traffic, traffic.NOTHING, ("params", "ros"), runs_commands=True, shared=True),
-    Part("members", look_members, [], ("params",), on_router=True),
-    Part("claims", look_claims, [], ("params",), on_router=True),
-    Part("policy", network.policy, {"rules": [], "closed": []}, on_router=True),
-    Part("name_sources", network.name_sources, []),
-    Part("default_routes", network.default_routes, [], on_router=True),
-    Part("forwarding", network.forwarding, network.NO_FORWARDING, on_router=True),
-    Part("masters", look_masters, [], ("params", "deadline")),
+    Part("multicast", lambda params: group(params, "collect"), ("params",), runs_commands=True, shared=True),
+    Part("traffic", look_traffic, ("params", "ros"), runs_commands=True, shared=True),
+    Part("members", look_members, ("params",), on_router=True),
+    Part("claims", look_claims, ("params",), on_router=True),
+    Part("policy", network.policy, on_router=True),
+    Part("name_sources", network.name_sources),
+    Part("default_routes", network.default_routes, on_router=True),
+    Part("forwarding", network.forwarding, on_router=True),
+    Part("masters", look_masters, ("params", "deadline")),
     Part(
         "roscore",
         ros_commands.roscore,
-        {"uri": "", "answer": "", "error": "not looked at", "outcome": Outcome.NOT_TRIED.value},
         ("ros", "deadline"),
+        unseen={"error": UNSEEN},
     ),
     Part(
         "list_masters",
         look_list_masters,
-        {"masters": [], "seconds": 0.0, "error": "not looked at"},
         _ALL,
+        unseen={"error": UNSEEN},
         runs_commands=True,
     ),
-    Part("topics", look_topics, [], _ALL, runs_commands=True),
-    Part("outsiders", look_outsiders, [], ("params",), final=True),
-    Part("sources", look_sources, [], _ALL, runs_commands=True, final=True),
+    Part("topics", look_topics, _ALL, runs_commands=True),
+    Part("outsiders", look_outsiders, ("params",), final=True),
+    Part("sources", look_sources, _ALL, runs_commands=True, final=True),
     Part(
         "exchange",
         exchange.exchange,
-        dict(exchange.NOTHING, error="not looked at"),
         ("ros", "members", "name"),
+        unseen={"error": UNSEEN},
         runs_commands=True,
         final=True,
     ),
-    Part("parameters", parameters.parameters, parameters.NOTHING, ("ros", "parameters", "crossing"), final=True),
+    Part("parameters", parameters.parameters, ("ros", "parameters", "crossing"), final=True),
     *PROBES,
-    Part("changes", changes.changes, [], on_router=True),
-    Part("disks", resources.disks, [], ("services",), on_router=True),
-    Part("file_limits", resources.file_limits, []),
+    Part("changes", changes.changes, on_router=True),
+    Part("disks", resources.disks, ("services",), on_router=True),
+    Part("file_limits", resources.file_limits),
     Part(
         "container_names",
         lambda members: resources.container_names(member["name"] for member in members),
-        [],
         ("members",),
     ),
-    Part("node_hosts", look_node_hosts, [], ("params", "ros")),
-    Part("ros_missing", Ros.problem, "not looked at", ("ros",)),
-    Part("next_boot", look_next_boot, [], ("services", "boot"), on_router=True),
-    Part("services", look_services, [], ("params", "ros")),
+    Part("node_hosts", look_node_hosts, ("params", "ros")),
+    Part("ros_missing", Ros.problem, ("ros",), unseen=UNSEEN),
+    Part("next_boot", look_next_boot, ("services", "boot"), on_router=True),
+    Part("services", look_services, ("params", "ros")),
 )
 
 

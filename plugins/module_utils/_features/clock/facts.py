@@ -117,12 +117,4 @@ def _is_older(root: str, unit: systemd.Properties) -> bool:
     return any(systemd.find_change(unit) < os.stat(path).st_mtime <= time.time() for path in there)
 
 
-NOTHING: typing.Dict[str, typing.Any] = {
-    "chronyd": "",
-    "enabled": False,
-    "settable": True,
-    "others": [],
-    "restart_due": False,
-    "sources": [],
-}
-FACT = Part("clock", clock, 10, NOTHING)
+FACT = Part("clock", clock, 10)

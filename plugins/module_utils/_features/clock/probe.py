@@ -12,5 +12,4 @@ PATIENCE = 8.0  # seconds for a time service that was just started
 PROBE = Part(
     "clock",
     lambda: dict(resources.clock(), **time_sources(PATIENCE)),
-    {"synchronised": None, "answers": None, "service": "", "sources": []},
 )

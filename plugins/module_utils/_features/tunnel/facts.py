@@ -21,4 +21,4 @@ def tunnel(root: str = "/") -> typing.Dict[str, bool]:
     }
 
 
-FACT = Part("tunnel", tunnel, 5, {"kernel": True, "device": True})
+FACT = Part("tunnel", tunnel, 5)

@@ -9,6 +9,5 @@ from . import wireguard
 PROBE = Part(
     "tunnel",
     wireguard.look,
-    {"up": None, "public_key": "", "port": 0, "time_s": None, "mtu": 0, "peers": []},
 )
 SETTLING = Settling(wireguard.count_received, wireguard.wait_for_sessions)

@@ -13,7 +13,7 @@ from ..._base import deadlines
 from ..._base.plain_text import LINE, quote
 from ..._features.facts import FACTS
 from ..._machine import filters, fkie, network, ports, ros, shells, system
-from ..measure.network import NO_FORWARDING, forwarding
+from ..measure.network import forwarding
 from .part import Part
 
 MOST_TABLES = 32  # other tables of routes that are read
@@ -43,45 +43,34 @@ def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[ty
     return facts.masters(wanted)
 
 
-NO_SYSTEM = {
-    "hostname": "",
-    "python": "",
-    "kernel": "",
-    "os": {"id": "", "version": "", "name": ""},
-    "systemd": {"running": False, "version": 0, "net_admin": True},
-}
-NO_ROS: typing.Dict[str, typing.Any] = {"found": [], "chosen": None, "problem": "ROS could not be looked for."}
-NO_SSHD = {
-    "installed": False,
-    "includes_drop_ins": False,
-    "other_setenv": [],
-    "match_setenv": True,
-    "path": "",
-    "service": "",
-    "reload_due": False,
-}
-
+SYSTEM = ("hostname", "python", "kernel", "os", "systemd")  # the keys of the first part
 PARTS = (
-    Part("system", system.system, 10, NO_SYSTEM),
-    Part("owned", record.records, 5, []),
-    Part("interfaces", lambda: [interface.plain() for interface in network.interfaces()], 15, []),
-    Part(
-        "ways", lambda wanted: [network.route_to(place).plain() for place in wanted], 15, [], options=("destinations",)
-    ),
-    Part("routing", routing, 15, {"routes": [], "rules": [], "tables": []}),
-    Part("forwarding", forwarding, 10, NO_FORWARDING),
-    Part("filters", filters.filters, 15, filters.NOTHING),
-    Part("multicast_routing", system.multicast_routing, 10, {"smcrouted": "", "others": []}),
-    Part("ros", ros.find, 180, NO_ROS, options=("ros_setup", "nodes")),
-    Part("packages", fkie.packages, 30, [], options=("packages",)),
+    Part("system", system.system, 10),
+    Part("owned", record.records, 5),
+    Part("interfaces", lambda: [interface.plain() for interface in network.interfaces()], 15),
+    Part("ways", lambda wanted: [network.route_to(place).plain() for place in wanted], 15, options=("destinations",)),
+    Part("routing", routing, 15),
+    Part("forwarding", forwarding, 10),
+    Part("filters", filters.filters, 15),
+    Part("multicast_routing", system.multicast_routing, 10),
+    Part("ros", ros.find, 180, options=("ros_setup", "nodes")),
+    Part("packages", fkie.packages, 30, options=("packages",)),
     *FACTS,
-    Part("folders", system.folders, 5, [], options=("folders",)),
-    Part("ports", ports.holders, 15, [], options=("ports",)),
-    Part("masters", masters, 60, [], options=("ports",)),
-    Part("exports", shells.exports, 30, []),
-    Part("sshd", shells.sshd, 10, NO_SSHD),
-    Part("environment", shells.probe, 20, dict(shells.NOTHING_SEEN)),
+    Part("folders", system.folders, 5, options=("folders",)),
+    Part("ports", ports.holders, 15, options=("ports",)),
+    Part("masters", masters, 60, options=("ports",)),
+    Part("exports", shells.exports, 30),
+    Part("sshd", shells.sshd, 10),
+    Part("environment", shells.probe, 20),
 )
+
+
+def empty(name: str) -> typing.Dict[str, typing.Any]:
+    """Return the keys of a part that cannot be looked at, with the values of the contract."""
+    from ..._contract.machine import Machine  # few runs need it
+
+    values = Machine().plain()
+    return {key: values[key] for key in (SYSTEM if name == "system" else (name,))}
 
 
 def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
@@ -95,12 +84,13 @@ def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.An
             continue
         try:
             value = deadlines.call_within(part.limit, part.look, *[parameters[option] for option in part.options])
+            found = value if part.name == "system" else {part.name: value}
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
-            value = part.nothing
+            found = empty(part.name)
             result["problems"].append(
                 f"The part {part.name} of the machine could not be read: {quote(str(problem).rstrip('.'), LINE)}."
             )
-        result.update(value if part.name == "system" else {part.name: value})
+        result.update(found)
     return result
 
 

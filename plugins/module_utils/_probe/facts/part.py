@@ -7,10 +7,9 @@ import typing
 
 
 class Part(typing.NamedTuple):
-    """A part of the machine: its name, the function that looks, its limit, and the value where it cannot look."""
+    """A part of the machine: its name, which is a key of the answer, the function that looks, and its limit."""
 
     name: str
     look: typing.Callable[..., typing.Any]
     limit: float  # seconds
-    nothing: typing.Any
     options: typing.Tuple[str, ...] = ()  # the arguments of `look`

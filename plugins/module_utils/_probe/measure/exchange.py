@@ -16,6 +16,7 @@ from ..._base.foreign import last_line
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
 from ..._contract.outcomes import Outcome
+from ..._contract.ros import Exchange
 from ..._machine import network
 from ..._machine.outcomes import classify_error, connect
 from ..ros_client import message_types, node_hosts, node_services, tcpros
@@ -34,18 +35,6 @@ MOST_ASKED = 1000  # nodes that are asked for their connections; of more, one of
 OTHER_END = re.compile(r" to \[(.{1,255}):\d{1,5} on socket")
 
 Names = typing.Dict[str, typing.List[str]]  # topic or service -> nodes
-NOTHING: typing.Dict[str, typing.Any] = {
-    "error": "",
-    "types_error": "",
-    "topics": [],
-    "services": [],
-    "imports": [],
-    "silent": [],
-    "silences": [],
-    "announced": [],
-    "nodes": {"registered": 0, "asked": 0, "hosts": []},
-    "connections": [],
-}
 
 
 def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: str) -> typing.Dict[str, typing.Any]:
@@ -56,11 +45,11 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
         uris = node_uris(ros, *tables)
         claims = _claims(ros, tables[2])
     except (OSError, TypeError, ValueError) as problem:  # or types that are none
-        return dict(NOTHING, error=str(problem))
+        return Exchange(error=str(problem)).plain()
     imported = {
         node: master for master, nodes in claims.items() for node, uri in nodes.items() if uris.get(node) == uri
     }
-    found = dict(NOTHING)
+    found = Exchange().plain()
     parts = _parts(tables, types, imported)
     found.update(parts.pop("", {"topics": [], "services": []}))
     found["imports"] = [dict(part, master=master) for master, part in sorted(parts.items())]

@@ -34,13 +34,6 @@ CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
 UNUSED = 9  # a TCP port that no program uses: discard (RFC 863)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 
-NO_FORWARDING: typing.Dict[str, typing.Any] = {
-    "ip_forward": None,
-    "icmp_echo_ignore_all": None,
-    "interfaces": [],
-    "macs": [],
-}
-
 
 class Answer(typing.NamedTuple):
     """The answer to echo requests."""

@@ -8,6 +8,7 @@ import json
 import typing
 
 from ..._base.plain_text import plain
+from ..._contract.ros import NodeParameters
 from ..ros_client.ros import Ros
 
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
@@ -16,7 +17,6 @@ LONGEST = 200  # characters of a value: they are for people
 # The same nodes of fkie_mas, where somebody has started them by hand.
 SUCCESSOR = {"master_discovery": "mas_discovery", "master_sync": "mas_sync"}
 Plan = typing.Dict[str, typing.Dict[str, typing.Any]]  # node -> its parameters
-NOTHING: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "crossing": [], "error": ""}
 
 
 def parameters(
@@ -26,7 +26,7 @@ def parameters(
 
     `crossing`: names of parameters whose digests are wanted, since two robots are to have the same.
     """
-    found: typing.Dict[str, typing.Any] = {"nodes": [], "differing": [], "crossing": [], "error": ""}
+    found = NodeParameters().plain()
     for node, wanted in sorted((planned or {}).items()):
         if not wanted:
             continue

@@ -12,6 +12,7 @@ from ..._base import processes
 from ..._base.commands import text
 from ..._base.plain_text import LINE, plain
 from ..._base.regular_files import read_regular
+from ..._contract.computer import Disk
 from ..._machine import ports
 
 UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
@@ -45,14 +46,8 @@ def disks(services: typing.Sequence[str], folders: typing.Sequence[str] = FOLDER
             device, there = os.stat(path).st_dev, os.statvfs(path)
         except OSError:
             continue  # it is not there; no program writes there
-        found.setdefault(
-            device,
-            {
-                "path": path,
-                "free_bytes": there.f_bavail * there.f_frsize,
-                "free_files": there.f_favail if there.f_files else None,  # some file systems do not count them
-            },
-        )
+        free_files = there.f_favail if there.f_files else None  # some file systems do not count them
+        found.setdefault(device, Disk(path, free_bytes=there.f_bavail * there.f_frsize, free_files=free_files).plain())
     return list(found.values())
 
 

@@ -11,6 +11,7 @@ import typing
 
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
+from ..._contract.ros import Stream
 from ..ros_client import tcpros
 from ..ros_client.listener import place_of
 from ..ros_client.ros import Ros
@@ -18,23 +19,23 @@ from .talker import node_of, topic_of
 
 SPARE = 10.0  # seconds, beside those of the streams, for all that do not answer
 
-Row = typing.Dict[str, typing.Any]
 
-
-def streams(ros: Ros, talkers: typing.List[str], label: str, own: str, seconds: float) -> typing.List[Row]:
-    """Send a stream to each talker; return {computer, mbit_s, error} for each."""
+def streams(
+    ros: Ros, talkers: typing.List[str], label: str, own: str, seconds: float
+) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Send a stream to each talker, and return what came of each, as plain data."""
     deadline = time.monotonic() + SPARE + len(talkers) * seconds
     caller = node_of(label, own).replace("talker", "stream", 1)
-    return [_stream(ros, talker, label, caller, seconds, deadline) for talker in talkers]
+    return [_stream(ros, talker, label, caller, seconds, deadline).plain() for talker in talkers]
 
 
-def _stream(ros: Ros, talker: str, label: str, caller: str, seconds: float, deadline: float) -> Row:
+def _stream(ros: Ros, talker: str, label: str, caller: str, seconds: float, deadline: float) -> Stream:
     if time.monotonic() > deadline:
-        return {"computer": talker, "mbit_s": None, "error": "others took too long"}
+        return Stream(talker, error="others took too long")
     topic = topic_of(talker)
     try:
         place = place_of(topic, ros.ask("lookupNode", node_of(label, talker)), caller)
         came, took = tcpros.send_stream(place, topic, caller, seconds)
     except Exception as problem:  # whatever a stranger answers
-        return {"computer": talker, "mbit_s": None, "error": plain(tell_reason(problem))}
-    return {"computer": talker, "mbit_s": round(came * 8 / took / 1e6, 1), "error": ""}
+        return Stream(talker, error=plain(tell_reason(problem)))
+    return Stream(talker, round(came * 8 / took / 1e6, 1))

@@ -3,15 +3,16 @@
 
 """The parts: their keys, and the environment of services."""
 
+import json
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.fields import find_struct
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.machine import Machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.verify import Probe
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import parts
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.facts import machine
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
-
-EMPTY = {**{part.name: part.nothing for part in machine.PARTS if part.name != "system"}, **machine.NO_SYSTEM}
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.answer import check_answer
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.robot_action import answer_of
 
 
 def test_a_variable_that_the_file_has_lost_is_still_wanted(tmp_path):
@@ -29,12 +30,14 @@ def test_no_result_has_the_name_of_one_that_every_module_has():
     assert names and not names & common
 
 
-@pytest.mark.parametrize("name", [part.name for part in parts.PARTS if isinstance(part.default, dict)])
-def test_a_part_that_cannot_be_read_has_all_its_keys(name):
-    (default,) = (part.default for part in parts.PARTS if part.name == name)
-    assert set(default) == set(find_struct(Probe.FIELDS[name].kind).FIELDS)
+@pytest.mark.parametrize("part", parts.PARTS, ids=lambda part: part.name)
+def test_a_part_that_cannot_be_read_has_all_its_keys(part):
+    if isinstance(part.default, dict):
+        assert set(part.default) == set(find_struct(Probe.FIELDS[part.name].kind).FIELDS)
 
 
-@pytest.mark.parametrize("name", [name for name, value in EMPTY.items() if isinstance(value, dict)])
-def test_a_part_of_a_machine_that_cannot_be_read_has_all_its_keys(name):
-    assert set(EMPTY[name]) == set(find_struct(Machine.FIELDS[name].kind).FIELDS)
+@pytest.mark.parametrize("part", machine.PARTS, ids=lambda part: part.name)
+def test_a_part_of_a_machine_that_cannot_be_read_is_as_the_contract_has_it(part):
+    answer = {"problems": [], **machine.empty(part.name)}
+    taken = check_answer(json.dumps(answer), answer_of("multimaster_info"))
+    assert (taken.result, taken.left_out) == (answer, [])
