@@ -39,8 +39,10 @@ def _judge_node_hosts(case: Case) -> Judgement:
     robot = case.observer.plan.robot
     misplaced = case.state.misplaced.get(robot, {})
     others = case.state.exchanges.robots.keys() - {robot}
-    is_given = bool(misplaced) and any(
-        item.node in misplaced for other in others for item in case.state.exchanges.find_due(robot, other)
+    # Somebody may mean it: a tool of the operator that uses the roscore of a robot is no failure.
+    harmful = {node for node, one in misplaced.items() if one.mode != "robot"}
+    is_given = bool(harmful) and any(
+        item.node in harmful for other in others for item in case.state.exchanges.find_due(robot, other)
     )
     verdict = FAILED if is_given else WARNING
     found = shorten_list(map(str, misplaced.values()), NAMED)

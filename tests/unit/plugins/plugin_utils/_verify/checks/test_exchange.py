@@ -428,3 +428,17 @@ def test_a_process_with_a_roscore_of_no_robot_is_told():
     assert finding.part[:3] == ("node", TWO, "master") and finding.verdict == WARNING
     assert "odom uses the roscore http://old-pc:11311/ by ROS_MASTER_URI, in odom.service" in finding.sentence()
     assert "systemctl restart odom.service" in finding.remedy() and "UnsetEnvironment" not in finding.remedy()
+
+
+def test_a_node_at_the_roscore_of_another_robot_is_a_warning():
+    """A tool of the operator may be there on purpose."""
+
+    def change(seen):
+        process = NodeHost(TWO, "ROS_HOSTNAME", "rviz.service", (41233,), "rviz", f"http://{ONE}:11311/", "unit")
+        update(seen[TWO].probe, node_hosts=[process])
+        own = seen[ONE].probe.exchange
+        new = topic("/goal", "std_msgs/String", ["/rviz"])
+        update(own, announced=[AnnouncedHost("/rviz", TWO, 41233)], topics=[*own.topics, new])
+
+    (finding,) = diagnosed(change).findings
+    assert finding.part[:3] == ("node", TWO, "robot") and finding.verdict == WARNING
