@@ -15,6 +15,7 @@ import time
 import typing
 
 from ..._base.commands import text
+from ..._contract.network import Claim
 from ..._machine import network
 from ..._machine.ports import address_of
 from ..multicast.packets import read_arp
@@ -35,10 +36,7 @@ Answers = typing.Dict[Question, typing.List[str]]
 def claims(addresses: typing.Iterable[str], path: str = "/proc/net/route") -> typing.List[typing.Dict[str, typing.Any]]:
     """Ask who has the own addresses, and who has those of these and of the gateways that are on a network of this computer."""
     wanted = questions(network.interfaces(), [*addresses, *gateways(text(path))])
-    return [
-        {"address": address, "interface": interface, "macs": macs}
-        for (interface, address), macs in ask(wanted[:MOST]).items()
-    ]
+    return [Claim(address, interface, tuple(macs)).plain() for (interface, address), macs in ask(wanted[:MOST]).items()]
 
 
 def questions(interfaces: typing.Iterable[network.Interface], addresses: typing.Iterable[str]) -> typing.List[Question]:

@@ -8,7 +8,7 @@ import json
 import typing
 
 from ..._base.plain_text import plain
-from ..._contract.ros import NodeParameters
+from ..._contract.ros import CrossingParameter, NodeParameters, ParameterDifference
 from ..ros_client.ros import Ros
 
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
@@ -39,7 +39,7 @@ def parameters(
             found["nodes"].append(node)
             found["differing"] += compare(node, wanted, there)
     try:
-        found["crossing"] = [{"name": name, "digest": _read_digest(ros, name)} for name in crossing]
+        found["crossing"] = [CrossingParameter(name, digest=_read_digest(ros, name)).plain() for name in crossing]
     except OSError as problem:
         found["error"] = str(problem)
     return found
@@ -83,7 +83,7 @@ def compare(
     """
     both = dict({name: None for name, value in there.items() if _filters(name, value)}, **wanted)
     return [
-        {"node": node, "name": plain(name)[:LONGEST], "expected": _text(value), "found": _text(there.get(name))}
+        ParameterDifference(node, plain(name)[:LONGEST], expected=_text(value), found=_text(there.get(name))).plain()
         for name, value in sorted(both.items())
         if there.get(name) != value
     ][:MOST]
