@@ -51,7 +51,7 @@ _PERSONAL = (
 _READING = 20.0  # seconds for the files of all persons
 _NO_LOGIN = ("nologin", "false", "sync", "")
 _ANY_OF_THEM = "|".join(VARIABLES)
-_SETENV = re.compile(rf"\s*(?:.*[;&\s])?setenv\s+({_ANY_OF_THEM})\s+(\S+)")
+_SETENV = re.compile(rf"(?:.*[;&\s])?setenv\s+({_ANY_OF_THEM})\s+(\S+)")
 _PAM = re.compile(rf"\s*({_ANY_OF_THEM})\s+(?:DEFAULT|OVERRIDE)=(\S+)")
 _GENERATOR = "/systemd/user-environment-generators/30-systemd-environment-d-generator"
 _OUR_GENERATOR = "/etc/systemd/user-environment-generators/90-rosfleet-multimaster"
