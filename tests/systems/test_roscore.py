@@ -403,7 +403,7 @@ def test_the_cores_unit_tests_pass_with_rosmaster(lab):
     """Where ROS is not installed, they have a model of rosmaster."""
     library, inside = Path(pytest.__file__).parents[1], containers.container(lab.name, FIRST)
     lab.run(FIRST, "mkdir -p /tmp/checkout /tmp/pytest")
-    nodes = "tests/unit/nodes/rosmaster_model.py tests/unit/nodes/roscore/test_master.py"
+    nodes = "tests/unit/nodes/rosmaster_model.py tests/unit/nodes/roscore/records.py tests/unit/nodes/roscore/test_master.py"
     for folder, names, target in (
         (library, PYTEST, "/tmp/pytest"),
         (ROOT, f"roles/nodes/files/python {nodes}", "/tmp/checkout"),
