@@ -66,7 +66,7 @@ def _dump(value: Any, flow: bool = True) -> str:
 
 
 def _indent_rest(text: str, columns: int = 2) -> str:
-    first, _, rest = text.partition("\n")
+    first, _end, rest = text.partition("\n")
     return f"{first}\n{indent(rest, ' ' * columns)}"
 
 
