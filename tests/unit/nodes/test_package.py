@@ -5,11 +5,12 @@
 import pathlib
 import re
 
-import tomllib
+import pytest
 import yaml
 
 ROOT = pathlib.Path(__file__).parents[3]
 ROLE = ROOT / "roles/nodes"
+tomllib = pytest.importorskip("tomllib")  # since Python 3.11
 PROJECT = tomllib.loads((ROLE / "pyproject.toml").read_text(encoding="utf-8"))
 
 
