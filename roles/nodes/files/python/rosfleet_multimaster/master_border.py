@@ -56,7 +56,7 @@ class MasterBorder:
         rules = callers(self.parties.members, uri, self.parties.is_here)
         sides = (self.given, self.taken, own)
         self.entrance = Entrance(
-            self.loop, self.parties, rules, self.accounts, limited, dialers, *sides, self._register, self._request_feeds
+            self.loop, self.parties, rules, self.accounts, limited, dialers, sides, self._register, self._request_feeds
         )
         self.overview = Overview(values, uri, self.loop, limited, *sides, self.parties, self.accounts)
         end = partial(self.loop.post, local_roscore.obey_shutdown)

@@ -4,7 +4,7 @@
 
 import contextlib
 from functools import partial
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Dict, Optional, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.core.shares import Shares
@@ -42,15 +42,13 @@ class Entrance:
         accounts: Accounts,
         limited: program.LimitedLog,
         dialers: Dialers,
-        given: GivenSide,
-        taken: TakenSide,
-        own: Dict[str, Feed],
+        sides: Tuple[GivenSide, TakenSide, Dict[str, Feed]],
         on_change: Callable[[], None],
         request_look: Callable[[float], None],
     ) -> None:
-        """`own`: feeds of what this node itself publishes. `on_change()`: who listens has changed. `request_look(time)`: `tick` is to be called then."""
+        """`sides`: the two, and what this node itself publishes. `on_change()`: who listens has changed. `request_look(time)`: call `tick` then."""
         self._loop, self._parties, self._rules, self._accounts, self._limited = loop, parties, rules, accounts, limited
-        self._dialers, self._given, self._taken, self._own = dialers, given, taken, own
+        self._dialers, (self._given, self._taken, self._own) = dialers, sides
         self._on_change, self._request_look = on_change, request_look
         self._listener = listen()
         self._listens_at = 0.0  # when it is watched again; 0: it is

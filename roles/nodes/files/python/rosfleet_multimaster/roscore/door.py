@@ -159,6 +159,7 @@ class Handler(BoundedHandler):
         self._caller = Caller(there[0], here[0], self._has_left, self._pause, (there, here))
         self._payer = self.door.find_robot(self._caller)
         self.throttle, self.robot = self.door.throttle, None if self._payer == OWN else self._payer
+        self._held = contextlib.ExitStack()  # the memory of this call
         self._until = 0.0  # the body of a request is to be here by then
         super().__init__(request, client_address, server)  # serves the connection until its end
 
