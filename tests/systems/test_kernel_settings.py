@@ -74,7 +74,7 @@ def test_what_others_made_comes_back_with_ipv6(lab, run_by_hand):
     switch = {**PLACES, "confirmation": "test"}
     assert run_by_hand("sysctl", settings=[OFF], **switch, confirm_within=3)["unconfirmed"]
     assert "fd00:77" not in lab.run(HOST, "ip -6 address; ip -6 route show table all")
-    wait_until(lambda: lab.run(HOST, f"ls {TAKEN_BACK}", check=False), 30, "the machine has taken the setting back")
+    wait_until(lambda: lab.run(HOST, f"ls {TAKEN_BACK}", check=False), 120, "the machine has taken the setting back")
     answer = run_by_hand("sysctl", settings=[OFF], **switch)
     assert answer["failed"] and "has taken them back and is as it was before" in answer["msg"], answer
     assert lab.run(HOST, LOOK) == before
