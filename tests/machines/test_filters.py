@@ -11,14 +11,16 @@ import vm
 from foreign import SET, Watch
 from setups.links import wait_until
 
+# systemd calls firewalld started when it has its name on the bus; it empties the tables of iptables a moment later.
+FIREWALLD = "systemctl unmask firewalld; systemctl enable --now firewalld; until firewall-cmd --state; do sleep 1; done"
 # What filters packets before we come, Debian's release, and what shows our rules.
 ROWS = {
     ("nftables", "bookworm"): ("true", "nft list ruleset"),
     ("nftables", "trixie"): ("true", "nft list ruleset"),
     ("ufw", "bookworm"): ("ufw allow 22/tcp; ufw --force enable", "iptables-save"),
     ("ufw", "trixie"): ("ufw allow 22/tcp; ufw --force enable", "iptables-save"),
-    ("firewalld", "bookworm"): ("systemctl unmask firewalld; systemctl enable --now firewalld", "nft list ruleset"),
-    ("firewalld", "trixie"): ("systemctl unmask firewalld; systemctl enable --now firewalld", "nft list ruleset"),
+    ("firewalld", "bookworm"): (FIREWALLD, "nft list ruleset"),
+    ("firewalld", "trixie"): (FIREWALLD, "nft list ruleset"),
 }
 # Chains of a container engine, a rule of a person, and a table of another program.
 BY_HAND = """set -e
