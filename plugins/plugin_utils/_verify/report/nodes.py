@@ -92,9 +92,9 @@ def _describe_silence(entry: SilentNode | None) -> str:
 
 
 def describe_nodes(nodes: Mapping[str, Any]) -> str:
-    """Say in a sentence how many nodes there are, and whether all is well with them; empty where no roscore was read."""
+    """Say in a sentence how many nodes there are, and whether all is well with them; empty where none was read."""
     roscores = nodes["roscores"]
-    if not roscores:
+    if not any(entry["registered"] for entry in roscores):
         return ""
     total, asked = (sum(entry[key] for entry in roscores) for key in ("registered", "asked"))
     counts = shorten_list((f"{entry['robot']} {entry['registered']}" for entry in roscores), 8)

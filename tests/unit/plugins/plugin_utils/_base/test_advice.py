@@ -108,6 +108,7 @@ OTHERS = {
     "_base/advice.py": "it is the one",
     "_verify/components/parts.py": "texts of ours, filled by Part._advice, which asks it",
     "_verify/diagnose/commands.py": "the place is planned, and each command is one of advice.command",
+    "_verify/diagnose/node_remedies.py": "variables of ours; the unit is put in by advice.command",
     "_plan/preflight.py": "before and after a command of ours; the one with an interface is of advice.command",
     "_plan/providers.py": "before a command of ours",
     "_plan/environment.py": "before a command of ours",
