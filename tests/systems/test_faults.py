@@ -33,10 +33,11 @@ def eventually(look, wanted, seconds=60):
         time.sleep(0.3)
 
 
-def test_an_address_that_the_machine_lacks_ends_the_run_early(untouched, tmp_path):
+def test_an_address_that_the_machine_lacks_ends_its_run_early(untouched, tmp_path):
+    """It costs its computer alone: tests/unit/playbooks/test_one_robot.py has the others."""
     other = tmp_path / "other.json"
     other.write_text(json.dumps({"all": {"hosts": {SECOND: {"multimaster_address": "192.168.1.240"}}}}))
-    status, output = untouched.play("site.yml", "-i", str(other))
+    status, output = untouched.play("site.yml", "-i", str(other), "--limit", SECOND)
     assert status != 0
     assert (
         f"{SECOND}: multimaster_address is 192.168.1.240, but the machine has 192.168.1.239 on eth0; expected that address"
@@ -47,7 +48,7 @@ def test_an_address_that_the_machine_lacks_ends_the_run_early(untouched, tmp_pat
 
 def test_a_stranger_on_the_port_of_the_roscore_is_named(untouched):
     untouched.run(FIRST, "systemd-run --unit stranger python3 -m http.server 11311")
-    status, output = untouched.play("site.yml")
+    status, output = untouched.play("site.yml", "--limit", FIRST)
     untouched.run(FIRST, "systemctl stop stranger")
     assert status != 0
     assert f"{FIRST}: TCP port 11311 is held by" in output

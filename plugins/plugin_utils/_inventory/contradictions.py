@@ -280,13 +280,7 @@ def _find_lost_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
     that a station has for a robot, `/kobuki1/*`, has what came from there in it.
     """
     for party, other in itertools.permutations(parties.values(), 2):
-        returned = dict.fromkeys(
-            name
-            for entry in other.entries
-            if not entry.crosses_border and party.name in other.receivers(entry, (party.name,))
-            for name in entry.given_topics
-            if "*" not in name
-        )
+        returned = _list_ordinary_topics(other, party.name)
         ways = [entry for entry in party.entries if entry.crosses_border and party.receivers(entry, (other.name,))]
         named = [entry.rename(name) for entry in ways for name in entry.back + topics_of(entry.actions, FROM_CLIENT)]
         for name in (name for name in returned if not matches(named, name)):
@@ -298,6 +292,19 @@ def _find_lost_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
                     f"{party.name}, which is lost, since it is not at 'back'; expected it there, or another name: add it to 'back' of the "
                     f"entry in {party.file}, or take it out of multimaster_exports in {other.file}."
                 )
+
+
+def _list_ordinary_topics(giver: Robot, receiver: str) -> list[str]:
+    """List the topics that a robot gives to another one past the border, each once."""
+    return list(
+        dict.fromkeys(
+            name
+            for entry in giver.entries
+            if not entry.crosses_border and receiver in giver.receivers(entry, (receiver,))
+            for name in entry.given_topics
+            if "*" not in name
+        )
+    )
 
 
 def _list_receivers(party: Robot) -> Iterator[str]:

@@ -241,33 +241,54 @@ def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interfa
     """Return the name of the interface with an address of the plan, and its problems. Of several, one without problems counts."""
     places = [(interface, entry) for interface in info["interfaces"] for entry in interface["addresses"]]
     # An address that a feature makes is its own interface's, whoever else has it; the feature refuses the others.
-    made = [one.name for one in plan.interfaces_to_come if one.address == wanted.address]
+    made = _list_made(plan, wanted)
+    here = [(one, entry["prefix"]) for one, entry in places if entry["address"] == str(wanted.address)]
     found = {
-        interface["name"]: list(_check_interface(plan, wanted, interface, entry["prefix"]))
-        for interface, entry in places
-        if entry["address"] == str(wanted.address) and (not made or interface["name"] in made)
+        interface["name"]: list(_check_interface(plan, wanted, interface, prefix))
+        for interface, prefix in here
+        if interface["name"] in (made or [interface["name"]])
     }
     good = [name for name, problems in found.items() if not problems]
-    if len(good) > 1 and plan.firewall and plan.firewall.guards:
-        return "", [
-            f"{plan.computer}: {_variable(plan, wanted)} {wanted.address} is on {' and on '.join(map(quote, good))}; expected it on one interface alone, "
-            "since the packet filter takes what is for a network from its interface and drops it from each other one: take the address "
-            "from the others."
-        ]
-    if found:
-        name = (good or list(found))[0]
-        return name, found[name]
+    if len(good) > 1 and _has_guards(plan):
+        return "", [_describe_several(plan, good, wanted)]
+    if not found:
+        return "", [_describe_absence(plan, places, wanted)]
+    name = next(iter(good or found))
+    return name, found[name]
+
+
+def _list_made(plan: ComputerPlan, wanted: Interface) -> list[str]:
+    return [one.name for one in plan.interfaces_to_come if one.address == wanted.address]
+
+
+def _has_guards(plan: ComputerPlan) -> bool:
+    return bool(plan.firewall and plan.firewall.guards)
+
+
+def _describe_several(plan: ComputerPlan, names: Sequence[str], wanted: Interface) -> str:
+    """Say that several interfaces have an address of the plan, where a guard needs one."""
+    return (
+        f"{plan.computer}: {_variable(plan, wanted)} {wanted.address} is on {' and on '.join(map(quote, names))}; expected it on one interface alone, "
+        "since the packet filter takes what is for a network from its interface and drops it from each other one: take the address "
+        "from the others."
+    )
+
+
+def _describe_absence(
+    plan: ComputerPlan, places: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], wanted: Interface
+) -> str:
+    """Say that no interface has an address of the plan, and what the machine has instead."""
     outer = [(interface["name"], entry["address"]) for interface, entry in places if not interface["loopback"]]
     others = [f"{quote(address)} on {quote(name)}" for name, address in outer if ":" not in address]
     if not others and any(address.lower().startswith(GLOBAL) for _name, address in outer):
-        return "", [
+        return (
             f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has addresses of IPv6 alone; expected an IPv4 "
             "address, since the nodes of ROS 1 are reached by IPv4 alone here: give it one, as by a VPN that has IPv4 (WireGuard, Tailscale)."
-        ]
-    return "", [
+        )
+    return (
         f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has {', '.join(others) or 'no address'}; expected that address "
         "on one of its interfaces: correct the inventory, or give the machine the address."
-    ]
+    )
 
 
 def _check_interface(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> Iterator[str]:

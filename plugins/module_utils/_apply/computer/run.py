@@ -77,11 +77,18 @@ def _carry_out(
         results.append((part.concern.name, result))
         if result.get("failed") or result.get("same_connection"):
             break
-    if not any(result.get("failed") for _name, result in results):
-        for part in parts:
-            part.guard.wait_at_this_pace(time.monotonic() - began)
+    _wait_at_this_pace(parts, results, time.monotonic() - began)
     reading = _read_shells(results) if read_back and not module.check_mode else {}
     return _end(module, parts, results, [entry for entry in differences if entry["before"] != entry["after"]], reading)
+
+
+def _wait_at_this_pace(
+    parts: typing.Sequence[ConcernModule], results: typing.Sequence[typing.Tuple[str, Fields]], took: float
+) -> None:
+    """Let the changes that wait for a confirmation wait as long as a run of so many seconds needs."""
+    if not any(result.get("failed") for _name, result in results):
+        for part in parts:
+            part.guard.wait_at_this_pace(took)
 
 
 def _end(

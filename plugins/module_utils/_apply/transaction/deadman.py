@@ -204,7 +204,7 @@ class Switch:
     def extend(self, seconds: int) -> None:
         """Let the way back wait for so many seconds from now on. Where that cannot be written, it comes at its earlier moment."""
         if self.waits():
-            with contextlib.suppress(OSError, ValueError, LookupError):
+            with contextlib.suppress(OSError, ValueError, LookupError, Problem):
                 state = dict(self.state(), seconds=seconds)
                 self._write("until", b"%d\n" % (float(commands.text("/proc/uptime").split()[0]) + seconds))
                 self._write("state.json", json.dumps(state).encode("utf-8"))

@@ -70,6 +70,10 @@ class Planned:
         host, port = _read_place(uri)
         return not self._place or not host or (host in self._masters and port == self._port)
 
+    def is_usual(self, host: str, master: str) -> bool:
+        """Return True if a node that announces this host, or none, and uses this roscore is as planned."""
+        return (not host or host.lower() in self.hosts) and self.is_master(master)
+
 
 def _read_place(uri: str) -> typing.Tuple[str, int]:
     """Return host and port of the URI of a roscore as rosgraph reads it in the environment of a person; an empty host where it has none."""
@@ -82,11 +86,8 @@ def _read_place(uri: str) -> typing.Tuple[str, int]:
 
 def _look(pid: int, planned: Planned, sockets: typing.Dict[str, int], proc: str) -> typing.Optional[Row]:
     words = _read_words(pid, proc)
-    arguments = dict(word.partition(":=")[::2] for word in words if word.startswith("__"))
-    try:
-        variables, is_read = processes.environment(pid, proc), True
-    except PermissionError:
-        variables, is_read = {}, False
+    arguments = _read_arguments(words)
+    variables, is_read = _read_environment(pid, proc)
     if "__name" not in arguments and "ROS_MASTER_URI" not in variables:
         return None
     unit, contained = _read_unit(pid, proc), _is_contained(pid, proc)
@@ -95,8 +96,7 @@ def _look(pid: int, planned: Planned, sockets: typing.Dict[str, int], proc: str)
     host, source = _find_host(arguments, variables, contained, pid, proc) if is_read else ("", "")
     master = arguments.get("__master") or variables.get("ROS_MASTER_URI", "")
     is_stopped = processes.is_stopped(pid, proc)
-    is_usual = is_read and (not host or host.lower() in planned.hosts) and planned.is_master(master)
-    if is_usual and not is_stopped:
+    if is_read and not is_stopped and planned.is_usual(host, master):
         return None
     own_ports = _list_ports(pid, sockets, contained, proc) if is_read else []
     if is_read and not own_ports:
@@ -114,6 +114,19 @@ def _look(pid: int, planned: Planned, sockets: typing.Dict[str, int], proc: str)
         "stopped": is_stopped,
         "readable": is_read,
     }
+
+
+def _read_arguments(words: typing.Sequence[str]) -> typing.Dict[str, str]:
+    """Return the special arguments of a node (__name:=talker), by their names."""
+    return dict(word.partition(":=")[::2] for word in words if word.startswith("__"))
+
+
+def _read_environment(pid: int, proc: str) -> typing.Tuple[typing.Dict[str, str], bool]:
+    """Return the variables of a process, and whether they may be read here."""
+    try:
+        return processes.environment(pid, proc), True
+    except PermissionError:
+        return {}, False
 
 
 def _read_words(pid: int, proc: str) -> typing.List[str]:

@@ -186,10 +186,9 @@ def _locate(seen: _Fleet, master: str, row: AnnouncedHost) -> Misplaced:
         computer, process = _find_process(seen, robot, row) or (at, UNREAD)
         return Misplaced(row.node, row.host, "services", computer, process, row.services)
     found = _find_process(seen, robot, row)
-    if at and not found:
-        guest = _find_process(seen, seen.fleet.computers[at].robot, row, anywhere=True)
-        if guest or row.node not in silent:
-            return Misplaced(row.node, row.host, "robot", *(guest or (at, UNREAD)), robot)
+    guest = None if found else _find_guest(seen, at, row, row.node not in silent)
+    if guest:
+        return Misplaced(row.node, row.host, "robot", *guest, robot)
     mode = _find_mode(row.host)
     place = computers[0] if len(computers) == 1 else master if mode == "loopback" and row.node not in silent else robot
     computer, process = found or (place, UNREAD)
@@ -198,6 +197,14 @@ def _locate(seen: _Fleet, master: str, row: AnnouncedHost) -> Misplaced:
         if interface:
             return Misplaced(row.node, row.host, "interface", has, process, interface)
     return Misplaced(row.node, row.host, mode, computer, process)
+
+
+def _find_guest(seen: _Fleet, at: str, row: AnnouncedHost, answers: bool) -> tuple[str, NodeHost] | None:
+    """Find the process of a node that another robot's computer runs: the computer is the one that the node announces."""
+    if not at:
+        return None
+    guest = _find_process(seen, seen.fleet.computers[at].robot, row, anywhere=True)
+    return guest or ((at, UNREAD) if answers else None)
 
 
 def _find_process(

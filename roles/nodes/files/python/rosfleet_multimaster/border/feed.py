@@ -362,15 +362,18 @@ class Feed:
         sink.wire.say(encode_header({**fields, **sink.answer, "latching": "1" if latching else "0"}))
         sink.md5sum = header["md5sum"]
         sink.wire.throttle = make_throttle(sink.rate, self.topic, header, self._budget)
-        unknown = find_unknown(sink.rate, self.topic, header)
-        if unknown:
-            text = f"{quote(self.topic)} crosses without its rate: it is not known that a message of {quote(unknown)} replaces the one before"
-            self._limited.say(
-                "warning", f"rate {self.topic}", f"{text}; if it does, have 'whole: [{plain(unknown)}]' beside 'rate'"
-            )
+        self._warn_of_unknown(find_unknown(sink.rate, self.topic, header))
         latched = [] if self._own is None else [self._own[1]]
         for message in (*latched, *(of.latched for of in same if of.latched is not None)):
             self._send(sink, message, monotonic())
+
+    def _warn_of_unknown(self, kind: str) -> None:
+        """Say that a rate has no effect on a topic of this type, if it is one."""
+        if kind:
+            text = f"{quote(self.topic)} crosses without its rate: it is not known that a message of {quote(kind)} replaces the one before"
+            self._limited.say(
+                "warning", f"rate {self.topic}", f"{text}; if it does, have 'whole: [{plain(kind)}]' beside 'rate'"
+            )
 
     def _choose_header(self, sink: _Sink) -> Optional[Fields]:
         """Return the header of a publisher with the definition that a listener asks for; None without one. A listener that none can serve is sent away."""
