@@ -11,6 +11,8 @@ import pytest
 from machines.podman import ROOT
 from setups.links import wait_until
 
+pytestmark = pytest.mark.costly
+
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 FOLDER = "/var/lib/prometheus/node-exporter"
 ON = {"multimaster_metrics": "textfile"}

@@ -59,7 +59,10 @@ def remove(root, feature):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("feature", FEATURES, ids=lambda feature: feature.name)
+@pytest.mark.parametrize(
+    "feature",
+    [pytest.param(one, marks=[] if one.name == "tunnel" else pytest.mark.costly, id=one.name) for one in FEATURES],
+)
 def test_without_its_folders_and_rows_the_rest_works(tmp_path, feature):
     root = tmp_path / COLLECTION
     for name in NEEDED:

@@ -282,7 +282,10 @@ def test_a_call_that_fails_leaves_the_old_or_the_new_state(make, kind):
 # Kills of the other modules are tried beside them.
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "ends"), [(kind, False) for kind in PLACES] + [(SysctlOnTrial, True), (Tunnel, True), (Key, True)]
+    ("kind", "ends"),
+    [(kind, False) for kind in PLACES]
+    + [pytest.param(kind, True, marks=pytest.mark.costly) for kind in (SysctlOnTrial, Tunnel)]
+    + [(Key, True)],
 )
 def test_a_disk_that_fails_from_a_call_on_is_mended_later(make, kind, ends):
     """All later calls fail as well, also those of the undo; or the process ends there."""
