@@ -26,9 +26,9 @@ def _nodes(state):
     return {node: PORT + number for number, node in enumerate(every)}
 
 
-def is_placed(state, robot, node):
-    """Whether other robots take a node."""
-    return node.registered and node.host in hosts_of(state.fleet, robot)
+def _type(node):
+    """The type of a node's topic. One that hangs has none: filters leave its topic out, so it is nowhere else."""
+    return "" if node.hung else "std_msgs/String"
 
 
 def add(ros, computer, exchange):
@@ -47,7 +47,10 @@ def add(ros, computer, exchange):
     odd = [node for node in nodes if node.host not in hosts_of(fleet, robot) or node.services]
     return replace(
         exchange,
-        topics=(*exchange.topics, *(seen.RegisteredTopic(f"/people{one.name}", "", (one.name,)) for one in nodes)),
+        topics=(
+            *exchange.topics,
+            *(seen.RegisteredTopic(f"/people{one.name}", _type(one), (one.name,)) for one in nodes),
+        ),
         silent=(*exchange.silent, *(entry.node for entry in silences)),
         silences=(*exchange.silences, *silences),
         announced=tuple(seen.AnnouncedHost(one.name, one.host, places[one], services=one.services) for one in odd),

@@ -53,18 +53,24 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     parts = _parts(tables, types, imported)
     found.update(parts.pop("", {"topics": [], "services": []}))
     found["imports"] = [dict(part, master=master) for master, part in sorted(parts.items())]
-    types_in_use = sorted({topic["type"] for topic in found["topics"] if "/" in topic["type"]})
-    sums, found["types_error"] = _md5sums(ros, types_in_use)
-    for topic in found["topics"]:
-        topic["md5sum"] = sums.get(topic["type"], "")
+    found["types_error"] = _add_sums(ros, found["topics"])
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
     found["announced"] = _resolve(node_hosts.announced(nodes, _service_uris(ros, nodes, tables[2]), members, own))
     found["connections"], silent, asked = _connections(_sample(nodes), named, Places(members), own)
-    found["nodes"] = {"registered": len(nodes), "asked": asked, "hosts": node_hosts.count_hosts(nodes)}
+    others = {node: uri for node, uri in nodes.items() if not _is_talker(node)}
+    found["nodes"] = {"registered": len(others), "asked": asked, "hosts": node_hosts.count_hosts(others)}
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
     found["silences"] = [dict(silent[node], node=node, host=host_of(nodes[node])) for node in found["silent"]]
     return found
+
+
+def _add_sums(ros: Ros, topics: typing.List[typing.Dict[str, typing.Any]]) -> str:
+    """Give each topic the md5 sum of its type here; return why there are none, or an empty text."""
+    sums, problem = _md5sums(ros, sorted({topic["type"] for topic in topics if "/" in topic["type"]}))
+    for topic in topics:
+        topic["md5sum"] = sums.get(topic["type"], "")
+    return problem
 
 
 def _resolve(rows: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
@@ -190,7 +196,13 @@ def _connections(
             lengths[other] += len(json.dumps(link))
             if lengths[other] <= NODE:  # else a robot with many long names would have the whole answer refused
                 found.append(link)
-    return found, silent, sum(answer.outcome != Outcome.NOT_TRIED for answer in answers)
+    asked = (node for node, answer in zip(sorted(nodes), answers) if answer.outcome != Outcome.NOT_TRIED)
+    return found, silent, sum(not _is_talker(node) for node in asked)
+
+
+def _is_talker(node: str) -> bool:
+    """Say if a node is of the verification itself."""
+    return node.startswith(f"{CALLER}_")
 
 
 class BusInfo(typing.NamedTuple):

@@ -40,7 +40,7 @@ def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc"
     """
     members = list(members)
     planned = Planned(members, own, master)
-    sockets = {entry.inode: entry.port for entry in ports.read_sockets("tcp", proc) if entry.state == ports.LISTEN}
+    sockets = Sockets(proc)
     found = []
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
         try:
@@ -84,7 +84,38 @@ def _read_place(uri: str) -> typing.Tuple[str, int]:
         return "", 0
 
 
-def _look(pid: int, planned: Planned, sockets: typing.Dict[str, int], proc: str) -> typing.Optional[Row]:
+class Sockets:
+    """The TCP sockets that listen on this computer, and in each network of a container that is asked for: their ports by inode."""
+
+    def __init__(self, proc: str) -> None:
+        self._proc, self._own = proc, _find_network(proc, "self")
+        self._ports = {self._own: self._read(proc)}
+
+    @staticmethod
+    def _read(folder: str) -> typing.Dict[str, int]:
+        return {one.inode: one.port for one in ports.read_sockets("tcp", folder) if one.state == ports.LISTEN}
+
+    def list_ports(self, pid: int) -> typing.List[int]:
+        """List the ports on which a process listens; empty where this user may not look. Raises OSError where it has ended."""
+        try:
+            inodes = ports.list_inodes(pid, self._proc)
+        except PermissionError:
+            return []
+        network = _find_network(self._proc, str(pid)) or self._own
+        if network not in self._ports:
+            self._ports[network] = self._read(os.path.join(self._proc, str(pid)))
+        return sorted({self._ports[network][inode] for inode in inodes if inode in self._ports[network]})
+
+
+def _find_network(proc: str, pid: str) -> str:
+    """Return the name of the network namespace of a process (namespaces(7)); empty where it cannot be read."""
+    try:
+        return os.readlink(os.path.join(proc, pid, "ns/net"))
+    except OSError:
+        return ""
+
+
+def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Optional[Row]:
     words = _read_words(pid, proc)
     arguments = _read_arguments(words)
     variables, is_read = _read_environment(pid, proc)
@@ -98,7 +129,7 @@ def _look(pid: int, planned: Planned, sockets: typing.Dict[str, int], proc: str)
     is_stopped = processes.is_stopped(pid, proc)
     if is_read and not is_stopped and planned.is_usual(host, master):
         return None
-    own_ports = _list_ports(pid, sockets, contained, proc) if is_read else []
+    own_ports = sockets.list_ports(pid) if is_read else []
     if is_read and not own_ports:
         return None
     starter, launch = _find_starter(pid, unit, contained, proc)
@@ -144,19 +175,6 @@ def _read_unit(pid: int, proc: str) -> str:
 
 def _is_contained(pid: int, proc: str) -> bool:
     return ports.is_contained(text(os.path.join(proc, str(pid), "status")))
-
-
-def _list_ports(pid: int, sockets: typing.Dict[str, int], contained: bool, proc: str) -> typing.List[int]:
-    """List the TCP ports on which a process listens; a container may have a network of its own. Empty where this user may not look."""
-    try:
-        inodes = ports.list_inodes(pid, proc)
-    except PermissionError:
-        return []
-    found = {sockets[inode] for inode in inodes if inode in sockets}
-    if not found and contained:
-        own = ports.read_sockets("tcp", os.path.join(proc, str(pid)))
-        found = {entry.port for entry in own if entry.state == ports.LISTEN and entry.inode in inodes}
-    return sorted(found)
 
 
 def _find_host(

@@ -92,16 +92,16 @@ def _describe_silence(entry: SilentNode | None) -> str:
 
 
 def describe_nodes(nodes: Mapping[str, Any]) -> str:
-    """Say in a sentence how many nodes there are, and whether all is well with them; empty where none was read."""
+    """Say how many nodes there are, and whether all is well with them; empty where nothing is known of any."""
     roscores = nodes["roscores"]
-    if not any(entry["registered"] for entry in roscores):
+    if not nodes["odd"] and not any(entry["registered"] for entry in roscores):
         return ""
     total, asked = (sum(entry[key] for entry in roscores) for key in ("registered", "asked"))
     counts = shorten_list((f"{entry['robot']} {entry['registered']}" for entry in roscores), 8)
-    sample = f" {asked} of them were asked, which is a sample." if asked < total else ""
+    sample = f"; {asked} of them were asked, which is a sample" if asked < total else ""
     number = len(nodes["odd"]) + nodes["left_out"]
-    well = "All answer, at places of their robots." if not number else f"Something is wrong with {number} of them:"
-    return f"{total} nodes are registered ({counts}).{sample} {well}"
+    well = "all answer, at places of their robots." if not number else f"something is wrong with {number} of them:"
+    return f"{total} ({counts}){sample}: {well}"
 
 
 def list_cells(nodes: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:

@@ -54,14 +54,12 @@ def _print(nodes):
 def test_where_all_is_well_there_is_a_number():
     nodes = _list()
     assert nodes["odd"] == [] and [entry["computers"] for entry in nodes["roscores"]] == [{ONE: 4}, {TWO: 3}]
-    assert (
-        _print(nodes) == "Nodes: 7 nodes are registered (kobuki1 4, kobuki2 3). All answer, at places of their robots."
-    )
+    assert _print(nodes) == "Nodes: 7 (kobuki1 4, kobuki2 3): all answer, at places of their robots."
 
 
 def test_each_node_with_which_something_is_wrong_has_a_row():
     lines = _print(_list(_break)).splitlines()
-    assert lines[0].endswith("Something is wrong with 2 of them:")
+    assert lines[0].endswith("something is wrong with 2 of them:")
     assert "127.0.0.1 (ROS_IP)" in lines[2] and "shell: session-4.scope" in lines[2] and TWO in lines[2]
     assert "/camera" in lines[3] and "no: it hangs" in lines[3]
 
