@@ -322,7 +322,7 @@ ros:
               executable: master_discovery, path: /opt/ros/noetic/lib/fkie_master_discovery/master_discovery, problem: '',
               lacks: *id006}], problem: ''}]}
   contains:
-    problem: {description: 'One sentence about why there is none to use, or what the chosen one lacks. Empty where all is well.',
+    problem: {description: 'One sentence: no installation can be used, or the chosen one lacks something. Empty if all is well.',
         returned: always, type: str}
     chosen: {description: 'The installation to use, one of RV(ros.found), or null.', returned: always, type: dict}
     found: {description: 'The installations that O(ros_setup) may mean, the preferred one first.', returned: always, type: list,
@@ -425,7 +425,7 @@ sshd:
     other_setenv: {description: The C(SetEnv) lines that are not the collection's., returned: always, type: list, elements: dict}
     match_setenv: {description: Whether it knows C(SetEnv) below a C(Match). OpenSSH 8.4 gives such variables to no user., returned: always,
         type: bool}
-    path: {description: 'The C(PATH) of C(/etc/environment), empty where there is none.', returned: always, type: str}
+    path: {description: The C(PATH) of C(/etc/environment); empty if it sets none., returned: always, type: str}
     service: {description: 'The active unit of the server, empty where it is not a running service.', returned: always, type: str}
     reload_due: {description: Whether the collection's file is newer than what the running server has read., returned: always,
         type: bool}
@@ -440,8 +440,8 @@ environment:
     login: {description: In a new login shell. Null where there is no bash., returned: always, type: dict}
     ssh: {description: 'In a command by ssh, as far as sshd sets it. Null where there is no sshd, or its settings cannot
           be read, which needs root.', returned: always, type: dict}
-    desktop: {description: 'In a session of systemd''s user manager, as far as C(environment.d) sets it. Null where there is
-          none.', returned: always, type: dict}
+    desktop: {description: 'In a session of systemd''s user manager, as far as C(environment.d) sets it. Null without such
+          a manager.', returned: always, type: dict}
 problems:
   description: One sentence for each part of the machine that could not be looked at; such a part has an empty value.
   returned: always

@@ -749,7 +749,7 @@ next_boot:
     name: {description: 'The unit, the setting, the route or the file.', returned: always, type: str}
     expected: {description: What the plan has., returned: always, type: str}
     found: {description: What the files of this computer will bring., returned: always, type: str}
-    file: {description: 'The file that decides, empty where there is none.', returned: always, type: str}
+    file: {description: The file that decides; empty if none does., returned: always, type: str}
     when: {description: 'The time of the last change of this file, or an empty text without a file.', returned: always,
         type: str}
 talker:

@@ -72,7 +72,7 @@ def bring_ansible(lab, host):
 
 @pytest.fixture(scope="session")
 def run_by_hand(lab):
-    """What runs a module on the second computer without a controller that confirms, and returns its answer."""
+    """A function that runs a module on the second computer without a controller that confirms, and returns its answer."""
     host = "kobuki2computer"
     bring_ansible(lab, host)
 

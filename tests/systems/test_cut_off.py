@@ -54,9 +54,11 @@ BY_HAND = (
 DEFAULT = {"destination": "default", "gateway": "192.168.11.101"}
 MORE = {"destination": "10.99.0.0/16", "gateway": "192.168.11.101"}  # a good route, to nowhere
 WRONG = {"destination": "default", "gateway": "192.168.11.99"}
-TAKEN_BACK = (  # after WITHIN, or what the pace of the machine makes of it
-    r"The %s were not confirmed over a new connection within \d+ s, so the machine has taken them back and is as it was"
+SENTENCE = (
+    "The %s were not confirmed over a new connection within %s s, so the machine has taken them back and is as it was"
 )
+EARLIER = "The %s of an earlier run, not confirmed within %s s, were taken back."
+SLOW = 60  # seconds that the pace of a busy machine may make of WITHIN
 
 
 class Fleet:
@@ -107,6 +109,12 @@ class Fleet:
         containers.restart(LAB, host)
         # A container comes back with another hardware address; whoever hears from it knows that one.
         self.eventually(host, "ping -c 1 -W 1 192.168.77.1", " 0% packet loss")
+
+
+def is_taken_back(output, what, sentence=SENTENCE, least=WITHIN):
+    """Return True if a sentence says so, with the seconds that were given, or with more on a busy machine."""
+    said = re.search(re.escape(sentence % (what, "N")).replace("N", r"(\d+)", 1), output)
+    return bool(said) and least <= int(said[1]) <= SLOW
 
 
 def recap(output, host):
@@ -165,8 +173,8 @@ def test_a_wrong_default_gateway_and_setting_inside_a_robot(fleet):
         tibi_nav=wrong_default("192.168.11.99", ansible_user="operator", ansible_pipelining=False),
         tibi_monitor={"sysctl_settings": no_way, "sysctl_confirm_within": WITHIN},
     )
-    assert re.search(TAKEN_BACK % "routes", output)
-    assert re.search(TAKEN_BACK % "kernel settings", output)
+    assert is_taken_back(output, "routes")
+    assert is_taken_back(output, "kernel settings")
     numbers = {host: recap(output, host) for host in (INNER, OTHER, GATEWAY, ROUTER)}
     assert {host: own["failed"] for host, own in numbers.items()} == {INNER: 1, OTHER: 1, GATEWAY: 0, ROUTER: 0}
     assert not any(own["unreachable"] for own in numbers.values())
@@ -178,7 +186,7 @@ def test_a_wrong_default_gateway_and_setting_inside_a_robot(fleet):
 def test_a_wrong_default_gateway_on_the_gateway(fleet):
     before = {host: fleet.state(host) for host in (INNER, GATEWAY)}
     output = fleet.play(tibi_visio=wrong_default("192.168.1.99"))
-    assert re.search(TAKEN_BACK % "routes", output)
+    assert is_taken_back(output, "routes")
     assert {host: recap(output, host)["failed"] for host in (INNER, GATEWAY, ROUTER)} == {
         INNER: 0,
         GATEWAY: 1,
@@ -194,7 +202,7 @@ def test_what_is_brought_together_is_taken_back_together(fleet):
     try:
         good = {"sysctl_settings": [{"name": "net.ipv4.ip_default_ttl", "value": "63"}]}
         output = fleet.play(tibi_nav=wrong_default("192.168.11.99", sysctl_confirm_within=WITHIN, **good))
-        assert re.search(TAKEN_BACK % "kernel settings", output), output
+        assert is_taken_back(output, "kernel settings"), output
         assert "So the routes were taken back, too." in output
         assert recap(output, INNER)["failed"] == 1
         assert fleet.state(INNER) == before
@@ -274,7 +282,7 @@ def test_the_controller_loses_its_power(fleet):
     fleet.eventually(INNER, "ip route show default", "192.168.11.101")
     # The next run says what happened, and is a good one.
     output = fleet.play()
-    assert re.search(r"The routes of an earlier run, not confirmed within \d+ s, were taken back\.", output)
+    assert is_taken_back(output, "routes", EARLIER, within)
     assert recap(output, INNER)["failed"] == 0
     assert fleet.state(INNER) == before
 
@@ -380,7 +388,7 @@ def test_a_packet_filter_that_cuts_the_controller_is_taken_back(fleet):
         output = by_port(fleet, 2222)
     finally:
         fleet.run(INNER, "systemctl stop relay; rm /run/relay.py")
-    assert re.search(TAKEN_BACK % "packet filter rules", output), output
+    assert is_taken_back(output, "packet filter rules"), output
     assert fleet.state(INNER) == before
 
 
@@ -419,7 +427,7 @@ def test_a_teardown_stops_when_the_controller_needs_the_routes(fleet):
     quick = {"routes_confirm_within": WITHIN, "sysctl_confirm_within": WITHIN, "firewall_confirm_within": WITHIN}
     hosts = dict.fromkeys((INNER, OTHER, GATEWAY, ROUTER), quick)
     output = fleet._ansible(f"playbook {HERE}/playbooks/teardown.yml", hosts)
-    assert re.search(TAKEN_BACK % "kernel settings", output) and "So the routes were taken back, too." in output
+    assert is_taken_back(output, "kernel settings") and "So the routes were taken back, too." in output
     assert "The machines are as they were before" not in output
     for host in (GATEWAY, ROUTER):
         assert fleet.run(host, "cat /proc/sys/net/ipv4/ip_forward") == "1\n"

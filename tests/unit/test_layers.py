@@ -226,7 +226,7 @@ def read_face(folder):
 
 
 def list_foreign_imports(path):
-    """What a file imports out of other rooms: (folder in which the file is not, file or folder or name in it)."""
+    """The imports of a file out of other rooms: (folder in which the file is not, file or folder or name in it)."""
     for name in imports(path):
         inside = name.replace("rosfleet_multimaster", COLLECTION + NODES.replace("/", "."), 1)
         if inside.startswith(COLLECTION):

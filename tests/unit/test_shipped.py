@@ -110,7 +110,7 @@ def list_definitions(folders):
 
 
 def test_what_trees_share_is_a_copy_of_one_file():
-    """What is alike by hand today differs tomorrow: it belongs into tools/copies.py."""
+    """Two pieces that are alike by hand today differ tomorrow: they belong into tools/copies.py."""
     found = [dict(list_definitions(folders)) for folders in TREES]
     alike = {one[text] for one, other in itertools.combinations(found, 2) for text in one.keys() & other.keys()}
     assert not alike, "make it a file of its own, and a row of COPIES"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-"""What any module needs."""
+"""The needs of any module: commands, files, problems, processes."""
 
 __all__ = (
     "actions",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-"""What the modules that measure answer. The controller reads it, too."""
+"""The answers of the modules that measure. The controller reads these classes, too."""
 
 __all__ = (
     "answers",

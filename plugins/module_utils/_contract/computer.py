@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What a verification sees of its own computer: services, the next boot, changes, and limits."""
+"""The observations of a verification on its own computer: services, the next boot, changes, and limits."""
 
 import typing
 
@@ -86,7 +86,7 @@ class BootDeviation(Struct):
     name: str = field("The unit, the setting, the route or the file.", "net.ipv4.ip_forward", needed=True)
     expected: str = field("What the plan has.", "1")
     found: str = field("What the files of this computer will bring.", "/etc/sysctl.d/99-local.conf line 3 sets 0")
-    file: str = field("The file that decides, empty where there is none.", "/etc/sysctl.d/99-local.conf line 3")
+    file: str = field("The file that decides; empty if none does.", "/etc/sysctl.d/99-local.conf line 3")
     when: str = field(
         "The time of the last change of this file, or an empty text without a file.", "2026-11-22 09:12:44 UTC"
     )

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What multimaster_info finds of ROS: installations, and roscores that run."""
+"""The findings of multimaster_info on ROS: installations, and roscores that run."""
 
 import typing
 
@@ -81,7 +81,7 @@ class Ros(Struct):
     """ROS 1 on a machine."""
 
     problem: str = field(
-        "One sentence about why there is none to use, or what the chosen one lacks. Empty where all is well.",
+        "One sentence: no installation can be used, or the chosen one lacks something. Empty if all is well.",
         "",
         default="ROS could not be looked for.",
     )
@@ -135,7 +135,7 @@ class DiscoveryNode(Struct):
 
 
 class SyncImport(Struct):
-    """What a sync node has registered for another master."""
+    """The registrations that a sync node has made for another master."""
 
     master: str = field("The URI of that master's roscore.", "http://kobuki2computer:11311/")
     nodes: int = field("How many of its nodes.", 3)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What multimaster_info finds on a machine before it becomes a computer of the fleet."""
+"""The findings of multimaster_info on a machine before it becomes a computer of the fleet."""
 
 import typing
 
@@ -93,7 +93,7 @@ class RoutingTable(Struct):
 
 
 class Routing(Struct):
-    """What decides where packets leave a machine."""
+    """The routes and rules that decide where packets leave a machine."""
 
     routes: typing.Tuple[TableRoute, ...] = field(
         "The routes of the main table, also those that the kernel makes for addresses."
@@ -106,7 +106,7 @@ class Routing(Struct):
 
 
 class MulticastRouting(Struct):
-    """What passes multicast on between the interfaces of a machine."""
+    """The program that passes multicast on between the interfaces of a machine."""
 
     smcrouted: str = field("The program of smcroute, empty where it is not installed.", "/usr/sbin/smcrouted")
     others: typing.Tuple[str, ...] = field(
@@ -115,7 +115,7 @@ class MulticastRouting(Struct):
 
 
 class TunnelSupport(Struct):
-    """What a tunnel of WireGuard needs of a machine."""
+    """The needs of a tunnel of WireGuard on a machine."""
 
     kernel: bool = field("Whether the kernel has WireGuard.", True, default=True)
     device: bool = field("Whether there is C(/dev/net/tun), which wireguard-go needs.", True, default=True)
@@ -173,7 +173,7 @@ class SshServer(Struct):
     match_setenv: bool = field(
         "Whether it knows C(SetEnv) below a C(Match). OpenSSH 8.4 gives such variables to no user.", True, default=True
     )
-    path: str = field("The C(PATH) of C(/etc/environment), empty where there is none.", "")
+    path: str = field("The C(PATH) of C(/etc/environment); empty if it sets none.", "")
     service: str = field("The active unit of the server, empty where it is not a running service.", "ssh.service")
     reload_due: bool = field("Whether the collection's file is newer than what the running server has read.", False)
 
@@ -190,7 +190,7 @@ class Shells(Struct):
         {"ROS_MASTER_URI": "http://kobuki1computer:11311", "ROS_HOSTNAME": "kobuki1computer"},
     )
     desktop: typing.Optional[typing.Dict[str, typing.Any]] = field(
-        "In a session of systemd's user manager, as far as C(environment.d) sets it. Null where there is none.",
+        "In a session of systemd's user manager, as far as C(environment.d) sets it. Null without such a manager.",
         {"ROS_MASTER_URI": "http://kobuki1computer:11311", "ROS_HOSTNAME": "kobuki1computer"},
     )
 

@@ -128,7 +128,7 @@ class SendErrors(Struct):
 
 
 class Multicast(Struct, returned="when O(action=collect)"):
-    """What multicast_verify answers."""
+    """The answer of multicast_verify."""
 
     memberships: typing.Tuple[Membership, ...] = field(
         "The multicast groups of every interface, from C(/proc/net/igmp) and C(/proc/net/igmp6), without the helper's own membership.",

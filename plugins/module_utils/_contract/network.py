@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What a computer sees of the network, and its packet filter."""
+"""The network as a computer sees it, and the computer's packet filter."""
 
 import typing
 
@@ -26,7 +26,7 @@ class Ping(Struct):
 
     ok: bool = field("Whether an answer came.", True)
     rtt_ms: typing.Optional[float] = field("The round-trip time in milliseconds, or null without an answer.", 0.4)
-    error: str = field("Why there is none, such as what a router reports, or empty.", "")
+    error: str = field("The reason for no answer, for example the report of a router; empty after an answer.", "")
     outcome: Outcome = field(
         "The same as one word, V(answered), V(prohibited), V(time_exceeded), V(too_large), V(wrong_source), or as "
         "RV(masters[].outcome).",

@@ -7,7 +7,7 @@ import enum
 
 
 class Outcome(enum.Enum):
-    """What became of a probe."""
+    """The outcome of a probe."""
 
     NOT_TRIED = "not_tried"
     ANSWERED = "answered"  # an echo reply came from the address itself

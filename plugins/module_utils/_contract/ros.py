@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What a verification sees of ROS: roscores, discovery nodes, topics, and what crosses between robots."""
+"""The observations of a verification on ROS: roscores, discovery nodes, topics, and the exchange between robots."""
 
 import typing
 
@@ -112,7 +112,7 @@ class RegisteredTopic(Struct):
     publishers: typing.Tuple[str, ...] = field("The nodes that publish it.", ["/base"])
     subscribers: typing.Tuple[str, ...] = field("The nodes that subscribe to it.", [])
     md5sum: str = field(
-        "The md5 sum that the class of this type has on this computer, or empty where there is none.",
+        "The md5 sum of the class of this type on this computer; empty if this computer does not have the class.",
         "cd5e73d190d741a2f92e81eda573aca7",
     )
 

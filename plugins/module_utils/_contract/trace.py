@@ -103,6 +103,6 @@ class SeenPackets(Struct, returned="when O(action=collect)"):
 
 
 class Run(Struct):
-    """What each action of multimaster_follow answers."""
+    """The answer of each action of multimaster_follow."""
 
     msg: str = field("What was done, in a sentence.", "Saw 14 packets.")

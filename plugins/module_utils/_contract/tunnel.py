@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What a computer tells of its tunnel."""
+"""The state of a computer's tunnel."""
 
 import typing
 

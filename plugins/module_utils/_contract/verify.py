@@ -134,7 +134,7 @@ class Streams(Struct, returned="when O(action=stream)"):
 
 
 class Run(Struct):
-    """What each action of multimaster_verify may answer beside that."""
+    """The further answers of each action of multimaster_verify."""
 
     multicast: typing.Dict[str, typing.Any] = field(
         "What M(rosfleet.multimaster.multicast_verify) with the same action returns; where that fails, V(failed) and the sentence in "

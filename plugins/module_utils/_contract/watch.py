@@ -9,7 +9,7 @@ from .fields import Struct, field
 
 
 class WatchEvent(Struct):
-    """What was lost or has returned."""
+    """A thing that was lost or has returned."""
 
     kind: str = field(
         "V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address), V(link), V(route), "
@@ -29,7 +29,7 @@ class WatchEvent(Struct):
 
 
 class Lost(Struct):
-    """What is lost now."""
+    """A thing that is lost now."""
 
     kind: str = field("As in RV(events[].kind).", "group")
     name: str = field("As in RV(events[].name).", "kobuki2computer")

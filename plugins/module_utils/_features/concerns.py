@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What the optional features change on a computer, a row for each. The module multimaster_computer has all of them."""
+"""The concerns of the optional features on a computer, a row for each. The module multimaster_computer has all of them."""
 
 import typing
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What the optional features read of a machine, a row for each. The module multimaster_info has all of them."""
+"""The facts that the optional features read of a machine, a row for each. The module multimaster_info has all of them."""
 
 import typing
 

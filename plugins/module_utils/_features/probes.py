@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What the optional features measure in a verification, a row for each. The module multimaster_verify has all of them."""
+"""The probes of the optional features in a verification, a row for each. The module multimaster_verify has all of them."""
 
 import typing
 

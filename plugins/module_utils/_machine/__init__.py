@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-"""What is there."""
+"""All that is there."""
 
 __all__ = (
     "filters",

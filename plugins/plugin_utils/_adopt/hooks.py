@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What an optional feature finds on machines that somebody set up by hand."""
+"""The findings of an optional feature on machines that somebody set up by hand."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What any room needs."""
+"""The needs of any room."""
 
 __all__ = (
     "advice",

@@ -62,7 +62,7 @@ class _Whole(Protocol):
 
 
 class Part:
-    """What a feature adds to a class of the core, such as to the plan of a computer: `Clock.find(plan)`."""
+    """The part that a feature adds to a class of the core, such as to the plan of a computer: `Clock.find(plan)`."""
 
     feature: ClassVar[str] = ""
 

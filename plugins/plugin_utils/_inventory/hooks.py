@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What an optional feature adds to the reading of an inventory."""
+"""The part of an optional feature in the reading of an inventory."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What an optional feature adds to the plan of a computer, and to its comparison with the machine."""
+"""The part of an optional feature in the plan of a computer, and in its comparison with the machine."""
 
 from __future__ import annotations
 

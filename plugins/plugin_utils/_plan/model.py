@@ -135,7 +135,7 @@ class PlannedInterface:
 
 
 class PlanPart(Part):
-    """What an optional feature adds to the plan of a computer, and what follows for the rest of the plan."""
+    """The part of an optional feature in the plan of a computer, with its effects on the rest of the plan."""
 
     carries: ClassVar[str] = (
         ""  # its name in a picture, if it makes the common network: its program makes the routes there
@@ -143,12 +143,12 @@ class PlanPart(Part):
 
     @property
     def duty(self) -> str:
-        """What the computer does for others by it, in a word for a picture; empty for nothing."""
+        """The service of the computer for others by it, in a word for a picture; empty for none."""
         return ""
 
     @property
     def forwards(self) -> bool:
-        """Whether the computer passes packets of others on by it."""
+        """True if the computer passes packets of others on by it."""
         return False
 
     @property
@@ -344,7 +344,7 @@ class ComputerPlan:
 
     @property
     def forwards(self) -> bool:
-        """Whether it passes packets of others on."""
+        """True if it passes packets of others on."""
         return self.is_gateway or self.is_router or any(part.forwards for part in self.features.values())
 
     @property

@@ -200,7 +200,7 @@ def send_before_closing(lab):
     until(lambda: not lab.program.datagrams.place.running, "the link is down")
     lab.program.loop.post(come_back)
     until(lambda: lab.program.datagrams.place.running, "the link is up")
-    until(lambda: ("LEAVE", PLANNED) in lab.heard, "what was to be sent")
+    until(lambda: ("LEAVE", PLANNED) in lab.heard, "what was to be sent", 3.0)
     lab.heard.clear()
 
 

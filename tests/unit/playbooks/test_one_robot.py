@@ -21,7 +21,7 @@ CALM = {"exports": [], "ports": [], "sshd": {"installed": False, "includes_drop_
 
 
 def info_of(host):
-    """What multimaster_info finds on a computer of inventory/single_computer where all is well."""
+    """The answer of multimaster_info on a computer of inventory/single_computer where all is well."""
     info = copy.deepcopy({**test_hostile_robots.INFOS["kobuki"], **CALM, "hostname": host})
     (outer,) = (one for one in info["interfaces"] if not one["loopback"])
     outer["addresses"] = [{"address": ADDRESSES[host], "prefix": 24, "family": "inet"}]

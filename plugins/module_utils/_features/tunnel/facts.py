@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What a tunnel of WireGuard needs of this machine."""
+"""The needs of a tunnel of WireGuard on this machine."""
 
 import os
 import typing

@@ -23,7 +23,9 @@ _PIECE = 1 << 16  # bytes that are unpacked and read at once
 _TOKEN = 1 << 17  # bytes of one token of XML, such as a comment
 _TEXT = 4 << 20  # bytes of memory of one text
 _ELEMENT = 40  # bytes of memory that an element costs about, beside its text
-_ROOMY = 40  # and one of these more, or a list that is in no value
+_ROOMY = (
+    56  # and one of these more, or a list that is in no value; a number of <bigdecimal> takes most, with Python 3.13
+)
 _ROOMY_TAGS = ("struct", "bigdecimal")
 _HEAD, _WIDE_HEAD = 20, 44  # and a text that is in no element of its own within a value, of ASCII and of others
 _DEAR = 24 << 20  # bytes of memory of any document: 5,000 topics are 6 MB

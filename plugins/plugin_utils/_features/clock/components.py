@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What may be broken in the clocks of a fleet, where one computer is the source of its time."""
+"""The faults of the clocks of a fleet, where one computer is the source of its time."""
 
 from __future__ import annotations
 

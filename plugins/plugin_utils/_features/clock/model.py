@@ -27,7 +27,7 @@ class Clock(PlanPart):
 
     @property
     def duty(self) -> str:
-        """What a picture says of a source."""
+        """The words of a picture for a source."""
         return "clock" if self.server is None else ""
 
 

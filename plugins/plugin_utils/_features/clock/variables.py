@@ -14,7 +14,7 @@ from ..._inventory.rows import VariableHooks, row
 
 @dataclass(frozen=True)
 class ClockVariables(Part):
-    """Whose time the fleet follows."""
+    """The source of the fleet's time."""
 
     feature = "clock"
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What may be broken in a tunnel."""
+"""The faults of a tunnel."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What packets between two computers need of the tunnel."""
+"""The needs of packets between two computers in the tunnel."""
 
 from __future__ import annotations
 

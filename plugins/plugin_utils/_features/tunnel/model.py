@@ -46,12 +46,12 @@ class Tunnel(PlanPart):
 
     @property
     def duty(self) -> str:
-        """What a picture says of a hub."""
+        """The words of a picture for a hub."""
         return "hub" if self.hub else ""
 
     @property
     def forwards(self) -> bool:
-        """Whether it passes packets of others on."""
+        """True if it passes packets of others on."""
         return bool(self.hub)
 
     @property

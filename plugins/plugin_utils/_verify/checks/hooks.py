@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What an optional feature adds to the checks."""
+"""The checks of an optional feature."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Fault(NamedTuple):
 
     @property
     def remedy(self) -> str:
-        """What to do, with the command that shows the fault."""
+        """The remedy, with the command that shows the fault."""
         return f"{self.deed} {self.decide}" if self.deed.endswith(" see") else self.deed
 
     @property

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a check is given."""
+"""The input of a check."""
 
 __all__ = (
     "actual_world",

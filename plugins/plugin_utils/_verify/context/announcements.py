@@ -52,7 +52,7 @@ class Misplaced(NamedTuple):
 
     @property
     def _origin(self) -> str:
-        """What has decided it, and where the process runs."""
+        """The variable that has decided it, and the place where the process runs."""
         source, unit = self.process.source, self.process.unit
         if self.mode in ("robot", "master"):
             source = "ROS_MASTER_URI" if self.process.readable else ""

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What an optional feature adds to the needs of an observation."""
+"""The part of an optional feature in the needs of an observation."""
 
 from __future__ import annotations
 

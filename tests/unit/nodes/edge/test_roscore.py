@@ -75,7 +75,7 @@ LOOKUPS = {"/a": "http://own:1/", "/a/ask": "rosrpc://own:2"}
 
 
 class PlayedRoscore:
-    """What a roscore answers. `answers`: those of CHANGES, one after the other."""
+    """The answers of a roscore. `answers`: those of CHANGES, one after the other."""
 
     caller = "/master_sync"
 

@@ -7,7 +7,6 @@ import contextlib
 import gzip
 import pathlib
 import random
-import sys
 import tracemalloc
 import xmlrpc.client
 
@@ -130,8 +129,7 @@ def test_a_document_costs_the_memory_that_is_counted(unit):
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    # Python 3.13 takes 1.34 times what is counted for <bigdecimal>: 4.2 of 3.1 MB
-    assert peak < (1.4 if sys.version_info >= (3, 13) else 1.25) * (
+    assert peak < 1.25 * (
         2 * most + (1 << 20)
     )  # a list that grows has up to an eighth more, and the parser its buffers
 

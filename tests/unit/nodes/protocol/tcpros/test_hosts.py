@@ -57,7 +57,7 @@ def test_what_libc_takes_for_an_address_is_one_or_refused(text):
 
 
 def resolve(host):
-    """What getaddrinfo(3) takes a text for without asking anybody: an address, or None for a name and for nothing."""
+    """The address that getaddrinfo(3) takes a text for without asking anybody; None for a name and for nothing."""
     try:
         found = socket.getaddrinfo(host, None, 0, socket.SOCK_STREAM, 0, socket.AI_NUMERICHOST)
     except (OSError, UnicodeError, ValueError):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What this robot gives: the topics and services of its own nodes, as its roscore has them, and their feeds to other borders."""
+"""The exports of this robot: the topics and services of its own nodes, as its roscore has them, and their feeds to other borders."""
 
 from dataclasses import replace
 from functools import partial

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What this robot takes: the topics and services that other borders offer, and a feed for each topic."""
+"""The imports of this robot: the topics and services that other borders offer, and a feed for each topic."""
 
 from functools import partial
 from typing import Any, Dict, Optional

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is said between robots, nodes and roscore, and how others are shown it. No I/O."""
+"""The words between robots, nodes and roscore, and their forms for others. No I/O."""
 
 __all__ = (
     "differences",

@@ -22,7 +22,7 @@ NODE, PORT = "/odom", 41233
 
 
 def _find(announced, silent=(), processes=None, fleet=None, interfaces=None):
-    """What is found of one node of tibi; `processes` and `interfaces` by computer."""
+    """The findings on one node of tibi; `processes` and `interfaces` by computer."""
     fleet = fleet or fig12()
     seen = observed(fleet)
     update(seen[MASTER].probe.exchange, announced=[announced], silent=silent)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is to be done for a node depends on what has started it."""
+"""The remedy for a node depends on its starter: shell, unit, launch file or container."""
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (

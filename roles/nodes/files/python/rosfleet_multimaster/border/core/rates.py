@@ -43,7 +43,7 @@ WHOLE_END = "ActionFeedback"
 
 
 class Rate(NamedTuple):
-    """What an entry says of a rate."""
+    """The rate of an entry."""
 
     hertz: float = 0.0  # messages a second; 0: all
     whole: Tuple[str, ...] = ()  # further types, and packages (x/*), of which each message replaces the one before

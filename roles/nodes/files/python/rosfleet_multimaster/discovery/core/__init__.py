@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What master_discovery decides. No I/O."""
+"""The decisions of master_discovery. No I/O."""
 
 __all__ = (
     "actions",

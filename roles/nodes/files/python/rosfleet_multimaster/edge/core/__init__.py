@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What bounds of the outside decide. No I/O."""
+"""The decisions of the bounds on the outside. No I/O."""
 
 __all__ = (
     "efforts",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What master_sync decides. No I/O."""
+"""The decisions of master_sync. No I/O."""
 
 __all__ = (
     "limits",
