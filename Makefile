@@ -93,8 +93,8 @@ checkout:
 
 bench: lab-tests ## how fast topics cross, beside multimaster_fkie where FKIE=<checkout> is given (half an hour; KEEP=yes: into docs)
 	@$(PYTHON) tests/bench/network/network.py $(if $(FKIE),--fkie "$(abspath $(FKIE))") $(if $(KEEP),--keep)
-	@$(PYTHON) tests/bench/network/border.py
-	@$(if $(FKIE),$(PYTHON) tests/bench/network/border.py --fkie "$(abspath $(FKIE))")
+	@$(PYTHON) tests/bench/network/relay.py
+	@$(if $(FKIE),$(PYTHON) tests/bench/network/relay.py --fkie "$(abspath $(FKIE))")
 
 bench-site: lab-tests ## the second run of site.yml beside a playbook of the usual tasks, on 13 systems; its growth to 100 (a quarter of an hour; KEEP=yes: into docs)
 	@$(PYTHON) tests/bench/site/site.py

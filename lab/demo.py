@@ -104,7 +104,7 @@ def prove_all(listing: Mapping[str, Any], connection: Path) -> list[Result]:
 def prove_twins(listing: Mapping[str, Any], connection: Path) -> list[Result]:
     """Prove that the station tells robots of one kind apart; the others have nothing of each other."""
     say(
-        "the same programs on each robot; rostopic, rosservice, actionlib and tf2 at the station, which know nothing of the border"
+        "the same programs on each robot; rostopic, rosservice, actionlib and tf2 at the station, which know nothing of the relay"
     )
     computers = {robot: person(connection, names)[0] for robot, names in robots_of(listing).items()}
     station = computers.pop("station")

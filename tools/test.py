@@ -173,7 +173,7 @@ SECONDS = {
     "hostile_robot": 240,
     "removal": 240,
     "prefixes": 200,
-    "border": 390,
+    "relay": 390,
     "sealed": 80,
     "images": 40,
 }
@@ -212,7 +212,7 @@ TIMED = {"alone", "links", "data_flow"}
 #: nodes, and what `routes` writes for each network manager, is also tested by unit tests; each manager boots in `alone`.
 COSTLY = {
     *(
-        "border",
+        "relay",
         "clock",
         "exchanges",
         "existing",
@@ -375,7 +375,7 @@ SUITES = [
         "interop",
         "pytest",
         "tests/interop",
-        labs=("interop", "by-hand", "in-tunnel", "border-beside"),
+        labs=("interop", "by-hand", "in-tunnel", "relay-beside"),
         limit=LONG_LIMIT,
     ),
 ]

@@ -45,7 +45,7 @@ options:
     type: dict
     required: true
   environment_digest:
-    description: The digest of the environment; a change of it restarts C(roscore), C(discovery), C(sync) and C(border), which have it.
+    description: The digest of the environment; a change of it restarts C(roscore), C(discovery), C(sync) and C(relay), which have it.
     type: str
     required: true
   files:

@@ -106,7 +106,7 @@ ways:
       type: str
       sample: dabo-nav
     traffic:
-      description: V(ping), V(heartbeats), V(connections of nodes), V(large packets), V(topics by the border) or V(the time).
+      description: V(ping), V(heartbeats), V(connections of nodes), V(large packets), V(topics by the relay) or V(the time).
       returned: always
       type: str
       sample: ping

@@ -141,7 +141,7 @@ COSTS = (patterns, many_names, patterns, small_values, patterns, deep_value, pat
 #: Of each node: its methods with an argument of any form, what stands before it, and behind it.
 TAKE_ANYTHING = {
     "discovery": [("masterInfoFiltered", (), ()), ("getTopicsMd5sum", (), ()), ("rosfleetDifferences", (), ("", 0, 0.0))],
-    "border": [("rosfleetOffers", (), ("", 0.0)), ("rosfleetOffers", ("bad",), (0.0,)), ("rosfleetOffers", ("bad", ""), ())],
+    "relay": [("rosfleetOffers", (), ("", 0.0)), ("rosfleetOffers", ("bad",), (0.0,)), ("rosfleetOffers", ("bad", ""), ())],
     "roscore": [
         ("setParam", ("/bad", "/do_not_sync"), ()),
         ("setParam", ("/bad", "/bad"), ()),

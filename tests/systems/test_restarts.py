@@ -3,7 +3,7 @@
 
 """After any end of a program of the collection, clients of each kind hear again, on the computer of the roscore and on another one.
 
-The clients: rospy, roscpp (topic_tools' relay) and rosbag; topics of rospy's and roscpp's publishers, by the border and by sync,
+The clients: rospy, roscpp (topic_tools' relay) and rosbag; topics of rospy's and roscpp's publishers, by the relay and by sync,
 and calls of a service. All times are of the kernel's steady clock, which the containers share.
 """
 
@@ -17,7 +17,7 @@ INVENTORY = ROOT / "tests" / "systems" / "restarts"
 ROBOT, STATION, DESK = "kobuki1-pc", "station-pc", "station-desk"
 LISTENING = (STATION, DESK)
 LIMIT = 2.0  # seconds
-#: topics at the station: of rospy and of roscpp, by the border and by sync, and what roscpp passes on of them
+#: topics at the station: of rospy and of roscpp, by the relay and by sync, and what roscpp passes on of them
 TOPICS = ("/kobuki1/scan", "/kobuki1/cpp", "/direct/scan", "/direct/cpp", "/relayed", "/relayed_cpp", "/relayed_direct")
 RELAYS = {"/relayed": "/kobuki1/scan", "/relayed_cpp": "/kobuki1/cpp", "/relayed_direct": "/direct/cpp"}
 READ_BAG = """import rosbag, time
@@ -101,7 +101,7 @@ ENDS = {
 
 
 @pytest.mark.parametrize("end", ENDS)
-@pytest.mark.parametrize("program", ["border", "roscore", "discovery", "sync"])
+@pytest.mark.parametrize("program", ["relay", "roscore", "discovery", "sync"])
 @pytest.mark.parametrize("host", [ROBOT, STATION])
 def test_all_clients_hear_again_after_an_end(lab, slack, host, program, end):
     command, away = ENDS[end]
@@ -120,7 +120,7 @@ def test_all_clients_hear_again_after_an_end(lab, slack, host, program, end):
             "bag of /direct/cpp",
         ]
         longest.update({(listening, name): gap for name, gap in find_gaps(arrivals, names, began - 1.0, until).items()})
-        if program == "border":
+        if program == "relay":
             assert any(text == "/kobuki1/map" and at > began for at, text in arrivals), "what was latched comes again"
     (where, what), gap = max(longest.items(), key=lambda item: item[1])
     print(f"{program} on {host} {end}: at most {gap:.2f} s without {what} on {where}")
@@ -130,11 +130,11 @@ def test_all_clients_hear_again_after_an_end(lab, slack, host, program, end):
 def find_processes(lab):
     """The number of the process of each service, by computer."""
     look = "systemctl show -P MainPID multimaster-$unit"
-    units = ("roscore", "discovery", "connections", "sync", "watchdog", "border")
+    units = ("roscore", "discovery", "connections", "sync", "watchdog", "relay")
     return {(host, unit): lab.run(host, f"unit={unit}; {look}").strip() for host in (ROBOT, STATION) for unit in units}
 
 
-def test_a_change_of_a_rate_restarts_the_borders_alone(lab, tmp_path):
+def test_a_change_of_a_rate_restarts_the_relays_alone(lab, tmp_path):
     (tmp_path / "group_vars").mkdir()
     changed = (INVENTORY / "group_vars/kobuki1.yml").read_text().replace("as: /kobuki1", "rate: 10, as: /kobuki1")
     changed = changed.replace(", services: [/reset]", "")
@@ -143,12 +143,12 @@ def test_a_change_of_a_rate_restarts_the_borders_alone(lab, tmp_path):
     (tmp_path / "hosts.yml").write_text("robots: {children: {kobuki1: {}}}\n")
     before = find_processes(lab)
     status, output = lab.play("site.yml", "--check", "-i", str(tmp_path / "hosts.yml"))
-    assert status == 0 and output.count("would restart multimaster-border, since its parameters change") == 2, output
+    assert status == 0 and output.count("would restart multimaster-relay, since its parameters change") == 2, output
     assert output.count("would restart") == 2 and find_processes(lab) == before
     status, output = lab.play("site.yml", "-i", str(tmp_path / "hosts.yml"))
-    assert status == 0 and output.count("restarted multimaster-border, since its parameters change") == 2, output
+    assert status == 0 and output.count("restarted multimaster-relay, since its parameters change") == 2, output
     after = find_processes(lab)
-    assert {unit for (host, unit), process in after.items() if process != before[host, unit]} == {"border"}
+    assert {unit for (host, unit), process in after.items() if process != before[host, unit]} == {"relay"}
 
 
 @pytest.mark.parametrize("words", [("kill", "--signal=KILL"), ("stop", "--time=10")], ids=["power_lost", "shut_down"])
@@ -157,8 +157,8 @@ def test_clients_elsewhere_hear_again_after_a_boot(lab, slack, words):
     lab.podman(*words, STATION)
     lab.podman("start", STATION)
     began = time.monotonic()
-    active = "systemctl show -P ActiveEnterTimestampMonotonic multimaster-border"
-    back = int(wait_until(lambda: int(lab.run(STATION, active, check=False) or 0), 60, "the border runs")) / 1e6
+    active = "systemctl show -P ActiveEnterTimestampMonotonic multimaster-relay"
+    back = int(wait_until(lambda: int(lab.run(STATION, active, check=False) or 0), 60, "the relay runs")) / 1e6
     time.sleep(8)
     arrivals, until = lab.output(DESK, "arrivals"), time.monotonic()
     gaps = find_gaps(arrivals, [name_of(DESK, topic) for topic in TOPICS], back, until)

@@ -301,13 +301,13 @@ def test_ros_has_three_files(path):
 
 #: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
 OUTSIDE = {
-    "socket": "border/calls border/dial border/wire discovery/udp edge/addresses edge/connections edge/lifeline edge/loop edge/process/systemd "
+    "socket": "relay/calls relay/dial relay/wire discovery/udp edge/addresses edge/connections edge/lifeline edge/loop edge/process/systemd "
     "edge/rpc_client edge/rpc_server roscore/door roscore/master roscore/tcpros sync/connection_ender",
     "socketserver": "edge/rpc_server",
     "select": "",
     "selectors": "edge/loop",
     "http": "edge/rpc_client edge/rpc_server",
-    "threading": "border/board discovery/rpc_methods discovery/state_feed edge/rpc_server edge/loop edge/patience "
+    "threading": "relay/board discovery/rpc_methods discovery/state_feed edge/rpc_server edge/loop edge/patience "
     "edge/process/children edge/process/room edge/process/throttle edge/journal "
     "edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store",
     "queue": "edge/loop",
@@ -363,7 +363,7 @@ def test_a_test_stands_at_the_path_of_its_file(tests):
 OWN_PATHS = {
     **dict.fromkeys(
         """
-        lab/rehearsals/cast.py tests/bench/network/border.py tests/bench/network/draw.py tests/bench/network/network.py
+        lab/rehearsals/cast.py tests/bench/network/relay.py tests/bench/network/draw.py tests/bench/network/network.py
         tests/bench/network/roaming.py tests/bench/network/tunnel.py tests/bench/roscore/stores.py tests/bench/site/growth.py
         tests/bench/site/hosts.py tests/bench/site/site.py tests/faults/judge_again.py tests/faults/run.py tests/matrix/controllers.py
         tools/docsite/build.py tools/readme.py

@@ -27,7 +27,7 @@ from .exports import (
     topics_of,
 )
 from .filters import BUILT_IN, SYNC, WHITE_LISTS, Filters, matches, usable
-from .flows import BORDER_PORT, Channel, gives, list_givers, make_flows
+from .flows import RELAY_PORT, Channel, gives, list_givers, make_flows
 from .model import Fleet, Inventory, Robot, Values
 from .variables import FleetVariables
 
@@ -62,20 +62,20 @@ def find_excluded_strangers(shared: FleetVariables) -> list[str]:
     ]
 
 
-def find_wrong_border_ports(fleet: Fleet) -> Iterator[str]:
-    """Yield a sentence for each robot whose border would have the port of its discovery node, or a port above 65535."""
+def find_wrong_relay_ports(fleet: Fleet) -> Iterator[str]:
+    """Yield a sentence for each robot whose relay would have the port of its discovery node, or a port above 65535."""
     ends = {name for channel in fleet.channels for name in (channel.robot, channel.other)}
     for robot in (robot for robot in fleet.robots if robot.name in ends):
-        own, port = robot.variables, robot.variables.roscore_port + BORDER_PORT
+        own, port = robot.variables, robot.variables.roscore_port + RELAY_PORT
         why = "which it needs, since multimaster_exports renames or slows what crosses"
         if port > 65535:
             yield (
-                f"{robot.host}: multimaster_roscore_port is {own.roscore_port}, and the port of the border is {BORDER_PORT} above it, {why}; expected at "
-                f"most {65535 - BORDER_PORT}: set another one in {robot.file}."
+                f"{robot.host}: multimaster_roscore_port is {own.roscore_port}, and the port of the relay is {RELAY_PORT} above it, {why}; expected at "
+                f"most {65535 - RELAY_PORT}: set another one in {robot.file}."
             )
         elif port == own.rpc_port:
             yield (
-                f"{robot.host}: multimaster_rpc_port is {port}, which is also the port of its border, {why}; expected another port: leave it out "
+                f"{robot.host}: multimaster_rpc_port is {port}, which is also the port of its relay, {why}; expected another port: leave it out "
                 "for the port of the roscore + 300."
             )
 
@@ -210,7 +210,7 @@ Giver = tuple[Robot, Export]
 
 
 def _find_meeting_names(parties: Sequence[Robot], robots: Sequence[str]) -> list[str]:
-    """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a border renames or slows it.
+    """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a relay renames or slows it.
 
     Two patterns of which none is within the other, such as /*/x and /y/*, are not compared.
     """
@@ -231,7 +231,7 @@ def _find_meeting_names(parties: Sequence[Robot], robots: Sequence[str]) -> list
 
 
 def _pair_renamed(parties: Sequence[Robot], receiver: str) -> Iterator[tuple[Giver, Giver]]:
-    """Yield each two entries for a robot of which one crosses a border, the later one first."""
+    """Yield each two entries for a robot of which one is relayed, the later one first."""
     given = [
         (party, entry)
         for party in parties
@@ -240,7 +240,7 @@ def _pair_renamed(parties: Sequence[Robot], receiver: str) -> Iterator[tuple[Giv
     ]
     for number, one in enumerate(given):
         for other in given[:number]:
-            if one[1].crosses_border or other[1].crosses_border:
+            if one[1].is_relayed or other[1].is_relayed:
                 yield one, other
 
 
@@ -274,33 +274,33 @@ def _find_wrong_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
 
 
 def _find_lost_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
-    """Yield a sentence for a topic that goes to a robot by the border, and comes back from it by its own declaration alone.
+    """Yield a sentence for a topic that goes to a robot by the relay, and comes back from it by its own declaration alone.
 
-    What a border takes across is left out of the ordinary exchange, so it would be lost without a word. A pattern names no topic: all
+    What a relay takes across is left out of the ordinary exchange, so it would be lost without a word. A pattern names no topic: all
     that a station has for a robot, `/kobuki1/*`, has what came from there in it.
     """
     for party, other in itertools.permutations(parties.values(), 2):
         returned = _list_ordinary_topics(other, party.name)
-        ways = [entry for entry in party.entries if entry.crosses_border and party.receivers(entry, (other.name,))]
+        ways = [entry for entry in party.entries if entry.is_relayed and party.receivers(entry, (other.name,))]
         named = [entry.rename(name) for entry in ways for name in entry.back + topics_of(entry.actions, FROM_CLIENT)]
         for name in (name for name in returned if not matches(named, name)):
             given = (entry.rename(topic) for entry in ways for topic in entry.given_topics)
             meeting = next((topic for topic in given if matches([topic], name)), "")
             if meeting:
                 yield (
-                    f"{party.host}: multimaster_exports gives {meeting} to {other.name} by the border, and that of {other.name} gives {name} to "
+                    f"{party.host}: multimaster_exports gives {meeting} to {other.name} by the relay, and that of {other.name} gives {name} to "
                     f"{party.name}, which is lost, since it is not at 'back'; expected it there, or another name: add it to 'back' of the "
                     f"entry in {party.file}, or take it out of multimaster_exports in {other.file}."
                 )
 
 
 def _list_ordinary_topics(giver: Robot, receiver: str) -> list[str]:
-    """List the topics that a robot gives to another one past the border, each once."""
+    """List the topics that a robot gives to another one past the relay, each once."""
     return list(
         dict.fromkeys(
             name
             for entry in giver.entries
-            if not entry.crosses_border and receiver in giver.receivers(entry, (receiver,))
+            if not entry.is_relayed and receiver in giver.receivers(entry, (receiver,))
             for name in entry.given_topics
             if "*" not in name
         )

@@ -39,8 +39,8 @@ _WHOLE_NAME = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 _LONGEST = 255
 _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
-# What makes an entry one of the border, which renames topics and keeps their rate.
-OF_BORDER = ("as", "rate", "newest", "frames", "whole")
+# What makes an entry one of the relay, which renames topics and keeps their rate.
+OF_RELAY = ("as", "rate", "newest", "frames", "whole")
 _PREFIX = re.compile(r"(?:[A-Za-z0-9]+[/_])+")
 DIAGNOSTICS = "/diagnostics"
 FASTEST = 1000.0  # messages a second
@@ -52,7 +52,7 @@ MOST_TYPES = 100
 class Export:
     """One entry: names and patterns, and the robots that get them. No robot in it means every other robot.
 
-    With a namespace, a rate, `newest` or `frames`, its topics cross by the borders of the two robots.
+    With a namespace, a rate, `newest` or `frames`, its topics cross by the relays of the two robots.
     """
 
     topics: tuple[str, ...] = ()
@@ -69,8 +69,8 @@ class Export:
     whole: tuple[str, ...] = ()  # types of which each message replaces the one before: they have the rate
 
     @property
-    def crosses_border(self) -> bool:
-        """True if its topics, services and actions cross by the borders."""
+    def is_relayed(self) -> bool:
+        """True if its topics, services and actions cross by the relays."""
         is_changed = self.namespace or self.rate or self.newest or self.frames
         return bool(is_changed and (self.topics or self.services or self.actions or self.back))
 
@@ -195,16 +195,16 @@ def _read_entries(entry: Mapping[Any, Any]) -> Iterator[Export]:
 
 
 def _read_entry(entry: Mapping[Any, Any], base: str = "") -> Export:
-    known = (*KINDS, "to", *OF_BORDER)
+    known = (*KINDS, "to", *OF_RELAY)
     for key in entry:
         if key not in known:
             raise UnexpectedValue(
-                f"entries of {', '.join(KINDS)}, to, and {', '.join(OF_BORDER)}, but there is '{key}'{nearest(str(key), known)}"
+                f"entries of {', '.join(KINDS)}, to, and {', '.join(OF_RELAY)}, but there is '{key}'{nearest(str(key), known)}"
             )
     names: dict[str, Any] = {
-        str(key): _read_texts(str(key), items) for key, items in entry.items() if key not in OF_BORDER
+        str(key): _read_texts(str(key), items) for key, items in entry.items() if key not in OF_RELAY
     }
-    export = Export(**names, **_read_border(entry), base=base)
+    export = Export(**names, **_read_relay(entry), base=base)
     if export.rate or export.newest or export.frames:
         _check_kinds(export)
     if not any(export.names()):
@@ -219,7 +219,7 @@ def _read_entry(entry: Mapping[Any, Any], base: str = "") -> Export:
 
 
 def _check_kinds(export: Export) -> None:
-    """Raise UnexpectedValue where an entry about messages names what has none, or what each border publishes itself."""
+    """Raise UnexpectedValue where an entry about messages names what has none, or what each relay publishes itself."""
     if export.parameters or export.services:
         raise UnexpectedValue(
             "topics and actions alone in an entry with 'rate', 'newest' or 'frames', which are about messages: put the others into an entry of "
@@ -227,23 +227,23 @@ def _check_kinds(export: Export) -> None:
         )
     if not export.namespace and DIAGNOSTICS in export.topics:
         raise UnexpectedValue(
-            f"another name for {DIAGNOSTICS} by 'as' where a border takes it across, since each border publishes it itself"
+            f"another name for {DIAGNOSTICS} by 'as' where a relay takes it across, since each relay publishes it itself"
         )
 
 
 def _check_way_back(export: Export) -> None:
-    """Raise UnexpectedValue where a way back is named that no border has."""
-    if export.back and not export.crosses_border:
+    """Raise UnexpectedValue where a way back is named that no relay has."""
+    if export.back and not export.is_relayed:
         raise UnexpectedValue(
             f"'back' beside 'as', 'rate', 'newest' or 'frames', but it has {export.back[0]} alone: without these the other robot gives it "
             "by its own multimaster_exports"
         )
     if DIAGNOSTICS in export.back:
-        raise UnexpectedValue(f"no {DIAGNOSTICS} at 'back', since each border publishes it itself")
+        raise UnexpectedValue(f"no {DIAGNOSTICS} at 'back', since each relay publishes it itself")
 
 
-def _read_border(entry: Mapping[Any, Any]) -> dict[str, Any]:
-    """Read what makes an entry one of the border."""
+def _read_relay(entry: Mapping[Any, Any]) -> dict[str, Any]:
+    """Read what makes an entry one of the relay."""
     namespace, rate, newest = entry.get("as", ""), entry.get("rate", 0), entry.get("newest", False)
     frames = entry.get("frames", "")
     if "as" in entry and (not isinstance(namespace, str) or not _WHOLE_NAME.fullmatch(namespace)):

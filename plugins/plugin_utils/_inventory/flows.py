@@ -17,7 +17,7 @@ from .filters import matches
 
 # The topics of the verification while it runs. They cross wherever any topic does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
-BORDER_PORT = 600  # of a border, above that of the roscore
+RELAY_PORT = 600  # of a relay, above that of the roscore
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
         for entry in entries or ():
             if entry.namespace and entry.parameters:
                 flows.append(Flow((robot,), entry.to, (), (), entry.parameters, entry.namespace))
-            if entry.namespace or entry.crosses_border:
+            if entry.namespace or entry.is_relayed:
                 continue
             topics = entry.topics + topics_of(entry.actions, FROM_SERVER)
             flows.append(Flow((robot,), entry.to, topics, entry.services, entry.parameters))
@@ -61,7 +61,7 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
 
 @dataclass(frozen=True)
 class Channel:
-    """Topics and services that go from a robot to one other by the borders of the two, and topics that come back.
+    """Topics and services that go from a robot to one other by the relays of the two, and topics that come back.
 
     What the robot calls /scan, the other one calls /kobuki1/scan, with the namespace /kobuki1, which replaces the base.
     """
@@ -73,7 +73,7 @@ class Channel:
 
 
 def find_outer_name(channel: Mapping[str, Any], name: str) -> str:
-    """Return the other robot's name of a name or pattern of the robot with the inner ones. `channel`: as the border has it."""
+    """Return the other robot's name of a name or pattern of the robot with the inner ones. `channel`: as the relay has it."""
     return str(channel["as"]) + name[len(channel["base"]) :]
 
 
@@ -85,7 +85,7 @@ def find_inner_name(channel: Mapping[str, Any], name: str) -> str | None:
 
 
 def list_names(channel: Mapping[str, Any], kind: str, *, given: bool) -> list[str]:
-    """Return the inner names of topics or services that the robot of a border gives by a channel, or those that it takes."""
+    """Return the inner names of topics or services that the robot of a relay gives by a channel, or those that it takes."""
     if channel["inner"] == given:
         return list(channel[kind])
     return list(channel["back"]) if kind == "topics" else []
@@ -94,7 +94,7 @@ def list_names(channel: Mapping[str, Any], kind: str, *, given: bool) -> list[st
 def gives(entries: Sequence[Export] | None, robot: str, topic: str) -> bool:
     """Return True if a declaration gives a topic, or all topics of a pattern, to a robot by its own name. None: nothing is declared."""
     reaching = (entry for entry in entries or () if not entry.to or robot in entry.to)
-    return entries is None or any(matches(entry.topics, topic) for entry in reaching if not entry.crosses_border)
+    return entries is None or any(matches(entry.topics, topic) for entry in reaching if not entry.is_relayed)
 
 
 def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Channel, ...]:
@@ -103,7 +103,7 @@ def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Chann
         Channel(robot, other, entry, _list_back(robot, entry, exports.get(other)))
         for robot, entries in exports.items()
         for entry in entries or ()
-        if entry.crosses_border
+        if entry.is_relayed
         for other in entry.to or exports
         if other != robot
     )

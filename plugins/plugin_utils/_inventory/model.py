@@ -172,8 +172,8 @@ class Robot:
 
     @property
     def inner_entries(self) -> list[Export]:
-        """Those of them that do not cross by the border."""
-        return [entry for entry in self.entries if not entry.crosses_border]
+        """Those of them that do not cross by the relay."""
+        return [entry for entry in self.entries if not entry.is_relayed]
 
     def receivers(self, entry: Export, robots: Iterable[str]) -> list[str]:
         """Return the robots that get what an entry of its declaration names."""
@@ -220,7 +220,7 @@ class Fleet:
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        """The channels by the borders of the robots."""
+        """The channels by the relays of the robots."""
         return make_channels({robot.name: robot.variables.exports for robot in self.robots})
 
     @cached_property

@@ -61,7 +61,7 @@ def read_fleet(inventory: Inventory) -> Fleet:
             *heartbeats.find_unreachable_masters(fleet),
             *(sentence for hooks in features for sentence in hooks.find_contradictions(fleet)),
             *contradictions.find_wrong_frames(fleet),
-            *contradictions.find_wrong_border_ports(fleet),
+            *contradictions.find_wrong_relay_ports(fleet),
         ]
     if problems:
         raise InventoryProblems(_collapse(problems, inventory.hosts))

@@ -309,8 +309,8 @@ class ComputerPlan:
     provider: str = "bundled"
     discovery: Parameters = field(default_factory=dict)
     sync: Parameters = field(default_factory=dict)
-    # Of master_border, where one is needed.
-    border: Parameters | None = field(default=None, metadata=notation(left_out=True))
+    # Of master_relay, where one is needed.
+    relay: Parameters | None = field(default=None, metadata=notation(left_out=True))
     # The folder of node_exporter for the metrics of the nodes. None: the nodes write no metrics.
     metrics_folder: str | None = field(default=None, metadata=notation(left_out=True))
     # Parameters that its robot gives to others, or gets of them. Only a master has some.

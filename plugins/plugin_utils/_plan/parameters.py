@@ -15,7 +15,7 @@ from typing import Any
 from .._base.sentences import shorten_list
 from .._inventory.exports import DIAGNOSTICS, make_node_filters
 from .._inventory.filters import HOSTS, NAMES, NO_NAME, SUCCESSOR, WHITE_LISTS
-from .._inventory.flows import BORDER_PORT, VERIFICATION_TOPICS, Flow
+from .._inventory.flows import RELAY_PORT, VERIFICATION_TOPICS, Flow
 from .._inventory.model import Fleet, Robot
 from .model import Parameters
 
@@ -44,14 +44,14 @@ def sync(fleet: Fleet, robot: Robot) -> Parameters:
     return {**bundled, **_share_parameters(fleet, robot, "sync")}
 
 
-def border(fleet: Fleet, robot: Robot) -> Parameters | None:
-    """Return the parameters of a robot's master_border, None where no channel leads from or to it."""
+def relay(fleet: Fleet, robot: Robot) -> Parameters | None:
+    """Return the parameters of a robot's master_relay, None where no channel leads from or to it."""
     robots = {other.name: other for other in fleet.robots}
     channels = [
         {
             "peer": other,
             "hosts": _addresses(robots[other]),
-            "port": robots[other].variables.roscore_port + BORDER_PORT,
+            "port": robots[other].variables.roscore_port + RELAY_PORT,
             "topics": list(channel.entry.given_topics),
             "services": list(channel.entry.services),
             "back": list(channel.back),
@@ -69,8 +69,8 @@ def border(fleet: Fleet, robot: Robot) -> Parameters | None:
     ]
     if not channels:
         return None
-    port = robot.variables.roscore_port + BORDER_PORT
-    return {"robot": robot.name, "port": port, "channels": channels, **_share_parameters(fleet, robot, "border")}
+    port = robot.variables.roscore_port + RELAY_PORT
+    return {"robot": robot.name, "port": port, "channels": channels, **_share_parameters(fleet, robot, "relay")}
 
 
 def _make_frames(frames: str, robot: Robot) -> dict[str, str]:
@@ -171,7 +171,7 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     crossing = list_crossing(fleet, robot)
     if crossing:
         parameters["sync_parameters"] = crossing
-    _leave_to_border(parameters, fleet, robot)
+    _leave_to_relay(parameters, fleet, robot)
     for other in fleet.robots:
         if other.variables.exports is None or other == robot:
             continue
@@ -188,10 +188,10 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
     return parameters
 
 
-def _leave_to_border(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> None:
-    """Have ignored what the border takes across, of each robot that gives everything, and borders where they are not known."""
+def _leave_to_relay(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> None:
+    """Have ignored what the relay takes across, of each robot that gives everything, and relays where they are not known."""
     if fleet.channels and robot.variables.provider in UPSTREAM:
-        parameters.setdefault("ignore_nodes", []).append("/master_border")
+        parameters.setdefault("ignore_nodes", []).append("/master_relay")
     for channel in fleet.channels:
         if channel.robot == robot.name:
             (other,) = (other for other in fleet.robots if other.name == channel.other)

@@ -145,7 +145,7 @@ def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: mo
     existing = robot.variables.routes == "existing" or _is_carried(features.values())
     expected = _list_expected_routes(fleet, robot, computer) if existing else ()
     metrics = parameters.writes_metrics(robot) and is_master
-    border = parameters.border(fleet, robot) if is_master else None
+    relay = parameters.relay(fleet, robot) if is_master else None
     return replace(
         plan,
         is_master=is_master,
@@ -161,13 +161,13 @@ def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: mo
         firewall=_firewall(fleet, robot, computer, features.values()),
         features=features,
         environment=_environment(fleet, robot, computer),
-        ports=_ports(fleet, robot, border) if is_master else (),
-        services=_services(robot, is_master, features.values(), border),
+        ports=_ports(fleet, robot, relay) if is_master else (),
+        services=_services(robot, is_master, features.values(), relay),
         metrics_folder=robot.variables.metrics_folder if metrics else None,
         provider=robot.variables.provider,
         discovery=parameters.discovery(fleet, robot) if is_master else {},
         sync=parameters.sync(fleet, robot) if is_master else {},
-        border=border,
+        relay=relay,
         crossing=(parameters.list_own_crossing(fleet, robot) or None) if is_master else None,
         limits=tuple(parameters.list_limits(fleet, robot)) if is_master else (),
         listens=is_master or computer.common_address is not None,
@@ -371,19 +371,19 @@ def _sysctl(fleet: Fleet, is_gateway: bool, is_hub: bool) -> tuple[model.Setting
     return every + (FORWARDING if is_gateway or is_hub else ()) + (NO_REDIRECTS[:2] if is_hub else ())
 
 
-def _ports(fleet: Fleet, robot: Robot, border: model.Parameters | None) -> tuple[model.Port, ...]:
+def _ports(fleet: Fleet, robot: Robot, relay: model.Parameters | None) -> tuple[model.Port, ...]:
     """Return the ports that the services of the robot's master listen on, or those of its companion."""
     roscore = () if robot.master.sealed else (model.Port("tcp", robot.variables.roscore_port),)
     return (
         *roscore,
         model.Port("udp", fleet.variables.multicast_port),
         model.Port("tcp", robot.variables.rpc_port),
-        *((model.Port("tcp", border["port"]),) if border else ()),
+        *((model.Port("tcp", relay["port"]),) if relay else ()),
     )
 
 
 def _services(
-    robot: Robot, is_master: bool, features: Collection[model.PlanPart], border: model.Parameters | None
+    robot: Robot, is_master: bool, features: Collection[model.PlanPart], relay: model.Parameters | None
 ) -> tuple[str, ...]:
     """Return the services of a computer of a robot, in the order in which they start."""
     first = (*(name for part in features for name in part.services), "address")
@@ -392,6 +392,6 @@ def _services(
     roscore = ("roscore",) if _roscore(robot) == "managed" else ()
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
     metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
-    crossing = ("border",) if border else ()
+    crossing = ("relay",) if relay else ()
     watchdog = ("watchdog",) if connections or crossing else ()  # our own programs alone give signs of life
     return (*first, *watchdog, *roscore, "discovery", *connections, "sync", *crossing, *metrics)

@@ -16,13 +16,14 @@ from typing import Any
 from .._base import advice
 from .._base.features import load_hooks
 from .._base.plain_text import LINE, quote
-from .._inventory.flows import BORDER_PORT
+from .._inventory.flows import RELAY_PORT
 from . import environment, providers, set_up, units
 from .hooks import PlanHooks
 from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, Interface, Port, Setting
 
 # The units of the collection. They may hold the ports of the plan.
-OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES))
+# multimaster-border.service is the former name of multimaster-relay.service: it holds the relay's port until this run stops it.
+OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *units.NODES, "border"))
 # The bundled nodes need this Python (Noetic's), and so do the services on the system's Python.
 NODES_PYTHON = (3, 8)
 # The prefix length of an address on a point-to-point link, and the beginnings of IPv6 addresses that are more than link-local.
@@ -479,7 +480,7 @@ Holder = tuple[str, str, str]
 _REMEDIES = {
     "roscore": "stop it, or set multimaster_roscore to 'existing' to use it",
     "discovery": "stop it: only one discovery node can answer for a master",
-    "border": "stop it: only one border can answer for a robot",
+    "relay": "stop it: only one relay can answer for a robot",
 }
 
 
@@ -504,7 +505,7 @@ def _find_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
     """List the other processes on the ports of the plan, each once. A process may hold a port on several addresses."""
     holders = []
     for port in plan.ports:
-        uses = {Port("tcp", plan.roscore_port): "roscore", Port("tcp", plan.roscore_port + BORDER_PORT): "border"}
+        uses = {Port("tcp", plan.roscore_port): "roscore", Port("tcp", plan.roscore_port + RELAY_PORT): "relay"}
         use = uses.get(port, "discovery")
         if use == "roscore" and plan.roscore == "existing":
             continue

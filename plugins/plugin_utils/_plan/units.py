@@ -177,7 +177,7 @@ TasksMax=1024
 NODES = {
     "discovery": ("discovery of other ROS masters", "list_masters"),
     "sync": ("exchange of topics and services with other ROS masters", "get_sync_info"),
-    "border": ("topics by other names, and at a rate, to other robots", ""),
+    "relay": ("topics by other names, and at a rate, to other robots", ""),
 }
 
 #: the services of optional features: the text of each
@@ -204,9 +204,9 @@ READS: dict[str, tuple[str, ...]] = {
         f"{CONFIGURATION}/master_discovery.json",
     ),
     "sync": (f"{_CODE}/master_sync.py", f"{_CODE}/sync", *_MESSAGES, f"{CONFIGURATION}/master_sync.json"),
-    "border": (
-        *(f"{_CODE}/master_border.py", f"{_CODE}/border", f"{_CODE}/discovery", f"{_CODE}/sync"),
-        f"{CONFIGURATION}/master_border.json",
+    "relay": (
+        *(f"{_CODE}/master_relay.py", f"{_CODE}/relay", f"{_CODE}/discovery", f"{_CODE}/sync"),
+        f"{CONFIGURATION}/master_relay.json",
     ),
 }
 
@@ -417,9 +417,9 @@ ExecStart={python} {path} __name:={node}
 ExecStartPost={wait} --timeout {start} --service /{node}/{service}
 TimeoutStartSec=infinity
 RestartSec=1"""
-# 1000 connections of others, 320 for XML-RPC, two for each of 200 calls, and 300 to each of the other borders.
-_BORDER = UnitLines("", f"LimitNOFILE=16384\n{_NOTIFYING}")
-_UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED), "border": _BORDER}
+# 1000 connections of others, 320 for XML-RPC, two for each of 200 calls, and 300 to each of the other relays.
+_RELAY = UnitLines("", f"LimitNOFILE=16384\n{_NOTIFYING}")
+_UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED), "relay": _RELAY}
 
 #: provider -> node or roscore -> the lines of its unit; without a roscore here that of ROS runs
 PROGRAMS: dict[str, dict[str, UnitLines]] = {
@@ -427,7 +427,7 @@ PROGRAMS: dict[str, dict[str, UnitLines]] = {
         "roscore": UnitLines("", _REMEMBERING),
         "discovery": UnitLines("", _NOTIFYING),
         "sync": UnitLines(_ENDER, _GROUP + _NOTIFYING),
-        "border": _BORDER,
+        "relay": _RELAY,
     },
     "fkie_apt": _UPSTREAM,
     "fkie_existing": _UPSTREAM,

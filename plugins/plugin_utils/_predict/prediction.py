@@ -52,9 +52,9 @@ def _beat(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
     return Packet("udp", other.discovery_address, port=fleet.multicast_port)
 
 
-def _call_border(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
-    """Make a packet to the border that a border asks, where a topic or service crosses by both."""
-    own, its = (fleet.computers[member.name].border for member in (one, other))
+def _call_relay(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
+    """Make a packet to the relay that a relay asks, where a topic or service crosses by both."""
+    own, its = (fleet.computers[member.name].relay for member in (one, other))
     if own is None or its is None or other.robot not in {channel["peer"] for channel in own["channels"]}:
         return None
     return Packet("tcp", other.discovery_address, port=its["port"])
@@ -77,8 +77,8 @@ TRAFFIC = (
 
 
 def list_declared() -> tuple[Traffic, ...]:
-    """List the traffic of few ways: that of the borders, and that of the optional features."""
-    return (Traffic("topics by the border", _call_border), *load_hooks("predict", Traffic).values())
+    """List the traffic of few ways: that of the relays, and that of the optional features."""
+    return (Traffic("topics by the relay", _call_relay), *load_hooks("predict", Traffic).values())
 
 
 class End(NamedTuple):

@@ -43,8 +43,8 @@ CHANNEL = {
 PROGRAMS = {
     "discovery": ("master_discovery", {"interface": OWN, "rpc_port": PORT}),
     "sync": ("master_sync", {}),
-    "border": (
-        "master_border",
+    "relay": (
+        "master_relay",
         {
             "robot": "own",
             "port": PORT,
@@ -59,7 +59,7 @@ PROGRAMS = {
 EVERYTHING = [False, *[""] * 10]
 ORDINARY = {
     "discovery": ("masterInfoFiltered", EVERYTHING),
-    "border": ("rosfleetOffers", "friend", "", 0.0),
+    "relay": ("rosfleetOffers", "friend", "", 0.0),
     "roscore": ("getSystemState", "/friend"),
 }
 

@@ -24,7 +24,7 @@ SEED = os.environ.get("COSTS_SEED", "1")
 
 
 @pytest.mark.skipif(not has_namespaces(), reason="needs unshare and ip, and network namespaces for this user")
-@pytest.mark.parametrize("node", ["discovery", "sync", "border", "roscore"])
+@pytest.mark.parametrize("node", ["discovery", "sync", "relay", "roscore"])
 def test_a_friend_is_answered_after_each_costly_request(node, tmp_path):
     words = [sys.executable, str(HERE / "running_attacks.py"), node, SEED, str(COUNT), str(tmp_path)]
     done = subprocess.run(

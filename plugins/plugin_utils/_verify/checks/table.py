@@ -12,7 +12,6 @@ from collections.abc import Iterator
 
 from ..._base.features import load_hooks
 from . import (
-    border,
     computer,
     discovery_nodes,
     exchange,
@@ -20,6 +19,7 @@ from . import (
     network,
     next_boot,
     programs,
+    relay,
     ros,
     strangers,
 )
@@ -35,7 +35,7 @@ FILES = (
     discovery_nodes,
     ros,
     exchange,
-    border,
+    relay,
     strangers,
 )
 

@@ -769,10 +769,10 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="see multimaster_exports",
         read=ALWAYS,
     ),
-    ("border", "lacking"): Fault(
-        "the border does not take across between {place}: {what}",
-        "see the log of both borders: it names a robot that does not answer, and a topic that cannot be had",
-        "on both masters: journalctl -b -u multimaster-border; rosnode info /master_border",
+    ("relay", "lacking"): Fault(
+        "the relay does not take across between {place}: {what}",
+        "see the log of both relays: it names a robot that does not answer, and a topic that cannot be had",
+        "on both masters: journalctl -b -u multimaster-relay; rosnode info /master_relay",
         what="see multimaster_exports",
         read=ALWAYS,
     ),

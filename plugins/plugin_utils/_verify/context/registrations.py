@@ -23,7 +23,7 @@ from ..observe.observations import Connection, Exchange, Import
 from ..observe.uris import normalise_uri
 
 MOST = 20_000  # registrations of a robot that are compared: of another one, the nodes take 5,000
-BORDER = "/master_border"  # what it takes across, the check of the border judges
+RELAY = "/master_relay"  # what it takes across, the check of the relay judges
 TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
 #: Types of topics on which each message says of whom it is: many nodes of a single robot publish them, too.
 MEANT_FOR_MANY = (
@@ -334,7 +334,7 @@ class Exchanges:
         types = self.robots[own].sums
         crossing = []
         for link in links:
-            if link.robot != other or link.node == BORDER:
+            if link.robot != other or link.node == RELAY:
                 continue
             mine, theirs = (own, link.node), (other, link.peer)
             publisher, subscriber = (theirs, mine) if link.direction == "in" else (mine, theirs)

@@ -15,7 +15,7 @@ from ..._inventory.flows import find_outer_name, list_names
 from ..._plan.model import FleetPlan
 from ..checks.engine import VERDICTS
 from ..checks.table import CHECKS
-from ..context.registrations import BORDER, TEST_NODES
+from ..context.registrations import RELAY, TEST_NODES
 from ..diagnose.diagnosis import Diagnosis
 from ..observe.observations import Exchange, Import, Observation, Probe, SentTopic
 from ..observe.uris import normalise_uri
@@ -72,7 +72,7 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
     for robot, master in fleet.master_of.items():
         seen = observations.get(master.computer)
         exchange = seen.probe.exchange if seen and seen.probe and not seen.probe.exchange.error else None
-        channels = (fleet.computers[master.computer].border or {}).get("channels", ())
+        channels = (fleet.computers[master.computer].relay or {}).get("channels", ())
         robots.append(
             {
                 "robot": robot,
@@ -102,7 +102,7 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
 
 
 def _name_crossing(channel: Mapping[str, Any], *, given: bool) -> dict[str, list[str]]:
-    """Name what the robot of a border gives, or what it takes, as the robot has it that gets it."""
+    """Name what the robot of a relay gives, or what it takes, as the robot has it that gets it."""
     return {
         kind: [
             find_outer_name(channel, name) if channel["inner"] == given else name
@@ -134,10 +134,10 @@ def _name_registrations(part: Exchange | Import) -> dict[str, list[str]]:
 
 
 def _list_crossed(exchange: Exchange, channel: Mapping[str, Any]) -> dict[str, Any]:
-    """List what a border has of another robot."""
+    """List what a relay has of another robot."""
     names = _name_crossing(channel, given=False)
-    topics = (topic.name for topic in exchange.topics if BORDER in topic.publishers)
-    services = (service.name for service in exchange.services if service.node == BORDER)
+    topics = (topic.name for topic in exchange.topics if RELAY in topic.publishers)
+    services = (service.name for service in exchange.services if service.node == RELAY)
     return {
         "robot": channel["peer"],
         "topics": _clean_names(name for name in topics if matches(names["topics"], name)),

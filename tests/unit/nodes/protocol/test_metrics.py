@@ -11,11 +11,11 @@ import subprocess
 
 import pytest
 import yaml
-from rosfleet_multimaster.border.core.report import TopicCount, make_samples
 from rosfleet_multimaster.discovery.core import report as links
 from rosfleet_multimaster.discovery.core.health import Answer, LinkHealth, LinkList
 from rosfleet_multimaster.protocol import metrics
 from rosfleet_multimaster.protocol.messages import Registration
+from rosfleet_multimaster.relay.core.report import TopicCount, make_samples
 from rosfleet_multimaster.sync.core import report as registrations
 from rosfleet_multimaster.sync.core.sync import Refusal
 

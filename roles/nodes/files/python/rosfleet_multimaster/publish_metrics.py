@@ -20,9 +20,7 @@ from .edge.process.systemd import notify, watchdog
 LOOK = 5.0  # seconds between two looks at the files of the nodes
 MOST = 1 << 20  # bytes of a file
 #: name in the folder of node_exporter -> file of the node
-FILES = {
-    f"multimaster_{node}.prom": f"/run/multimaster-{node}/metrics.prom" for node in ("discovery", "sync", "border")
-}
+FILES = {f"multimaster_{node}.prom": f"/run/multimaster-{node}/metrics.prom" for node in ("discovery", "sync", "relay")}
 
 
 class Publisher:

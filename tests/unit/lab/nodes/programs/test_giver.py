@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import subject
 
-from tests.unit.nodes.border.ends import free_port
+from tests.unit.nodes.relay.ends import free_port
 
 ROOT = Path(__file__).resolve().parents[5]
 GIVER = ROOT / "lab" / "nodes" / "programs" / "giver.py"

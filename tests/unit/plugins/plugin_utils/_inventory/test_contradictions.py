@@ -97,7 +97,7 @@ def test_good_seals_are_no_contradiction():
     assert not problems(multimaster_master="hsr-pc"), "a sealed computer need not have the roscore"
 
 
-# The ports of borders
+# The ports of relays
 
 
 def find_port_problems(giver=None, receiver=None, exports=({"topics": ["/scan"], "as": "/a"},)):
@@ -117,19 +117,19 @@ def find_port_problems(giver=None, receiver=None, exports=({"topics": ["/scan"],
 @pytest.mark.parametrize(
     "host, ports", [("a", ({"multimaster_rpc_port": 11911}, {})), ("b", ({}, {"multimaster_rpc_port": 11911}))]
 )
-def test_the_port_of_a_border_is_its_own(host, ports):
+def test_the_port_of_a_relay_is_its_own(host, ports):
     (problem,) = find_port_problems(*ports)
     assert problem.startswith(
-        f"{host}: multimaster_rpc_port is 11911, which is also the port of its border, which it needs"
+        f"{host}: multimaster_rpc_port is 11911, which is also the port of its relay, which it needs"
     )
     assert not find_port_problems(*ports, exports=[{"topics": ["/scan"]}]), (
-        "a robot without a border leaves this port free"
+        "a robot without a relay leaves this port free"
     )
 
 
-def test_a_border_has_a_port():
+def test_a_relay_has_a_port():
     (problem,) = find_port_problems({"multimaster_roscore_port": 65000})
-    assert problem.startswith("a: multimaster_roscore_port is 65000, and the port of the border is 600 above it")
+    assert problem.startswith("a: multimaster_roscore_port is 65000, and the port of the relay is 600 above it")
     assert "expected at most 64935: set another one in group_vars/ra.yml." in problem
     assert not find_port_problems({"multimaster_roscore_port": 64935})
     assert not find_port_problems({"multimaster_roscore_port": 65000}, exports=[{"topics": ["/scan"]}])

@@ -29,9 +29,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.va
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.border.core.channels import SERVICE, TOPIC, Channel
 from rosfleet_multimaster.protocol import filters, graph, parameters
 from rosfleet_multimaster.protocol.wire_filters import read_rules, write_rules
+from rosfleet_multimaster.relay.core.channels import SERVICE, TOPIC, Channel
 
 VERIFY = "/multimaster_verify/*"
 
@@ -203,7 +203,7 @@ def test_a_declaration_is_read():
         ),
         (
             [{"topics": ["/diagnostics"], "rate": 1}],
-            "another name for /diagnostics by 'as' where a border takes it across",
+            "another name for /diagnostics by 'as' where a relay takes it across",
         ),
         ([{"services": ["/a"], "as": "/b", "rate": 1}], "topics and actions alone in an entry with 'rate'"),
         ([{"topics": ["/scan"], "newst": True}], "there is 'newst' (did you mean newest?)"),
@@ -817,7 +817,7 @@ def test_the_plan_of_a_hundred_exporting_robots_stays_small():
     assert len(json.dumps(plan["computers"]["r7-c"])) < 40_000
 
 
-# What crosses by the border
+# What crosses by the relay
 
 
 def identical(frames=None, provider="bundled", **changed):
@@ -845,7 +845,7 @@ def identical(frames=None, provider="bundled", **changed):
 
 def test_both_sides_of_a_channel_have_the_same_names():
     plan = plan_module.fleet_plan(identical(station=None))
-    robot, station = (plan.computers[f"{name}-pc"].border for name in ("kobuki1", "station"))
+    robot, station = (plan.computers[f"{name}-pc"].relay for name in ("kobuki1", "station"))
     shared = {
         "topics": ["/scan", "/cmd_vel"],
         "services": ["/reset"],
@@ -863,28 +863,28 @@ def test_both_sides_of_a_channel_have_the_same_names():
     assert robot["channels"] == [{**shared, "peer": "station", "hosts": ["192.168.1.3"], "inner": True}]
     assert station["channels"][0] == {**shared, "peer": "kobuki1", "hosts": ["192.168.1.1"], "inner": False}
     assert [entry["peer"] for entry in station["channels"]] == ["kobuki1", "kobuki2"]
-    assert parameters.overlay(parameters.BORDER, {**station, "members": []})[1] == []
+    assert parameters.overlay(parameters.RELAY, {**station, "members": []})[1] == []
     own = plan.computers["kobuki1-pc"]
-    assert "border" in own.services and ("tcp", 11911) in {(port.protocol, port.port) for port in own.ports}
-    # The station gives everything, but what comes by the border does not come twice.
+    assert "relay" in own.services and ("tcp", 11911) in {(port.protocol, port.port) for port in own.ports}
+    # The station gives everything, but what comes by the relay does not come twice.
     assert own.sync["station-pc"]["ignore_topics"] == ["/kobuki1/scan", "/kobuki1/cmd_vel"]
     assert own.sync["station-pc"]["ignore_services"] == ["/kobuki1/reset"]
     assert own.discovery["exports"] == []
 
 
-def test_upstreams_nodes_leave_the_border_beside_them_alone():
+def test_upstreams_nodes_leave_the_relay_beside_them_alone():
     plan = plan_module.fleet_plan(identical(provider="fkie_existing", station=None))
     for computer in plan.computers.values():
-        assert "border" in computer.services and computer.border
-        assert "/master_border" in computer.sync["ignore_nodes"]
+        assert "relay" in computer.services and computer.relay
+        assert "/master_relay" in computer.sync["ignore_nodes"]
     without = plan_module.fleet_plan(identical(provider="fkie_existing", kobuki1=[], kobuki2=[]))
-    assert not any("/master_border" in computer.sync["ignore_nodes"] for computer in without.computers.values())
+    assert not any("/master_relay" in computer.sync["ignore_nodes"] for computer in without.computers.values())
 
 
-def test_without_such_an_entry_there_is_no_border():
+def test_without_such_an_entry_there_is_no_relay():
     plan = plan_module.fleet_plan(identical(kobuki1=[{"topics": ["/scan"]}], kobuki2=[]))
     for computer in plan.computers.values():
-        assert computer.border is None and "border" not in computer.services and "border" not in to_plain(computer)
+        assert computer.relay is None and "relay" not in computer.services and "relay" not in to_plain(computer)
 
 
 def test_each_name_may_have_another_one():
@@ -893,7 +893,7 @@ def test_each_name_may_have_another_one():
     fleet = identical(kobuki1=[entry], kobuki2=[])
     plan = plan_module.fleet_plan(fleet)
     for host, inner in (("kobuki1-pc", True), ("station-pc", False)):
-        channels = plan.computers[host].border["channels"]
+        channels = plan.computers[host].relay["channels"]
         crossing = [
             (name, flows_module.find_outer_name(entry, name))
             for entry in channels
@@ -921,10 +921,10 @@ GIVEN = {"topics": ["/kobuki1/*"], "to": ["kobuki1"]}
 
 @pytest.mark.parametrize("station", [None, [GIVEN], [{"topics": ["*"]}]])
 def test_what_comes_back_is_named_and_given(station):
-    """Each of the two borders gives and takes that alone: the station publishes /kobuki1/scan as well."""
+    """Each of the two relays gives and takes that alone: the station publishes /kobuki1/scan as well."""
     plan = plan_module.fleet_plan(identical(kobuki1=[COMMANDS], kobuki2=[], station=station))
     robot, there = (
-        Channel.from_entry(plan.computers[f"{name}-pc"].border["channels"][0]) for name in ("kobuki1", "station")
+        Channel.from_entry(plan.computers[f"{name}-pc"].relay["channels"][0]) for name in ("kobuki1", "station")
     )
     for one, gives, takes in ((robot, ["/scan"], ["/cmd_vel", "/goal/x"]), (there, ["/cmd_vel", "/goal/x"], ["/scan"])):
         local = (lambda name: name) if one is robot else (lambda name: f"/kobuki1{name}")
@@ -933,7 +933,7 @@ def test_what_comes_back_is_named_and_given(station):
                 assert one.find_name(TOPIC, local(name)) == (f"/kobuki1{name}" if way else None)
                 assert one.find_local(TOPIC, f"/kobuki1{name}", given=way) == local(name)
                 assert one.find_local(TOPIC, f"/kobuki1{name}", given=not way) is None
-    # By the border, and not by sync as well.
+    # By the relay, and not by sync as well.
     assert {"/kobuki1/cmd_vel", "/kobuki1/goal/*"} <= set(
         plan.computers["kobuki1-pc"].sync["station-pc"]["ignore_topics"]
     )
@@ -996,7 +996,7 @@ def test_a_wrong_way_back_is_one_sentence(entries, expected):
     ],
 )
 def test_a_topic_that_would_be_lost_on_its_way_back_is_refused(entry, station, lost):
-    """The exchange leaves out what the border takes across, so the station's own /scan never came, and nobody said so."""
+    """The exchange leaves out what the relay takes across, so the station's own /scan never came, and nobody said so."""
     try:
         identical(kobuki1=[{"to": ["station"], **entry}], kobuki2=[], station=[{"to": ["kobuki1"], **station}])
         problems = []
@@ -1061,7 +1061,7 @@ def test_both_sides_know_how_the_frames_are_called():
     plan = plan_module.fleet_plan(identical(ROOTS, **TREES))
     words = ("peer", "frames", "world", "root")
     channels = {
-        name: [tuple(entry[word] for word in words) for entry in plan.computers[f"{name}-pc"].border["channels"]]
+        name: [tuple(entry[word] for word in words) for entry in plan.computers[f"{name}-pc"].relay["channels"]]
         for name in ("kobuki1", "kobuki2", "station")
     }
     of_first, of_second = ("kobuki1/", "world", "map"), ("kobuki2/", "", "")
@@ -1136,7 +1136,7 @@ def test_parameters_of_two_robots_are_in_their_namespaces():
     assert plan.computers["kobuki1-pc"].crossing == ("/robot_description",)
     assert plan.computers["station-pc"].crossing == ("/kobuki1/robot_description", "/kobuki2/robot_description")
     alone = plan_module.fleet_plan(identical(kobuki1=[{**entry, "as": "/kobuki1"}], kobuki2=[]))
-    assert alone.computers["kobuki1-pc"].border is None, "they do not cross by the border"
+    assert alone.computers["kobuki1-pc"].relay is None, "they do not cross by the relay"
 
 
 def test_one_name_of_parameters_of_two_robots_is_a_sentence():

@@ -258,6 +258,13 @@ def test_what_our_services_hold_is_no_strangers():
     assert compare(lambda info: info.update(ports=own)).problems == ()
 
 
+def test_the_relay_may_have_its_former_name():
+    ports = [{"protocol": "tcp", "port": 11911}]
+    for unit, count in (("multimaster-border.service", 0), ("multimaster-relay.service", 0), ("other.service", 1)):
+        found = compare(lambda info, unit=unit: info.update(ports=[holder(11911, unit=unit)]), ports=ports)
+        assert len(found.problems) == count
+
+
 def test_an_existing_roscore_may_hold_its_port():
     assert compare(lambda info: info.update(ports=[holder(11311)]), roscore="existing").problems == ()
 

@@ -60,10 +60,10 @@ CODE = f"{units.LIBRARY}/python/rosfleet_multimaster"
 @pytest.mark.parametrize(
     ("path", "restarted"),
     [
-        (f"{units.CONFIGURATION}/master_border.json", {"border"}),
+        (f"{units.CONFIGURATION}/master_relay.json", {"relay"}),
         (f"{units.CONFIGURATION}/master_discovery.json", {"discovery"}),
         (f"{units.CONFIGURATION}/master_sync.json", {"sync", "connections"}),
-        (f"{CODE}/border/feed.py", {"border"}),
+        (f"{CODE}/relay/feed.py", {"relay"}),
         (f"{CODE}/roscore/core/feed.py", {"roscore"}),
         (f"{CODE}/end_hangs.py", {"watchdog"}),
         (f"{CODE}/edge/loop.py", {"watchdog", "roscore", "connections", "metrics", *units.NODES}),
@@ -225,7 +225,7 @@ RATED = {
     "watchdog": 2.0,
     "roscore": 1.5,
     "discovery": 1.5,
-    "border": 1.5,
+    "relay": 1.5,
     "connections": 2.0,
     "metrics": 2.0,
     "sync": 2.0,
@@ -327,6 +327,6 @@ def test_the_page_has_the_sandbox_of_each_unit(files):
                 measured,
             )  # a systemd may know one thing more
     text = {path.stem: directives(path.read_text(encoding="utf-8")) for path in files}
-    ours = ("roscore", "discovery", "sync", "border", "connections", "metrics", "watchdog")
+    ours = ("roscore", "discovery", "sync", "relay", "connections", "metrics", "watchdog")
     assert {name for name in told if "WatchdogSec" in text[f"multimaster-{name}"]} == set(ours)
     assert "ROSOUT_DISABLE_FILE_LOGGING=1" in text["multimaster-roscore"]["Environment"]

@@ -175,7 +175,7 @@ DECLARED = fig12(
     {"dabo": {"multimaster_exports": [{"topics": ["/scan"], "as": "/dabo", "to": ["tibi"]}]}},
     multimaster_clock="tibi-nav",
 )
-PORTS = {11911: "topics by the border", 123: "the time"}
+PORTS = {11911: "topics by the relay", 123: "the time"}
 
 
 @pytest.mark.parametrize("port", PORTS)
@@ -192,7 +192,7 @@ def test_a_port_that_only_some_need_is_tried_between_them(port):
     assert f"  {PORTS[port]:<22}" in prediction.render(found)
 
 
-def test_undeclared_borders_and_sources_are_not_asked_for():
+def test_undeclared_relays_and_sources_are_not_asked_for():
     assert {pair.traffic for pair in predicted(WORLD).pairs} == {traffic.name for traffic in prediction.TRAFFIC}
     assert not any(name in prediction.render(predicted(WORLD)) for name in PORTS.values())
 

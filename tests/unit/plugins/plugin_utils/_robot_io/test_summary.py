@@ -49,12 +49,12 @@ def written(path, state="written"):
 
 def test_services_that_restart_are_told_with_the_reason():
     code = "/usr/local/lib/rosfleet-multimaster/python/rosfleet_multimaster"
-    border = restarting(
-        [unit("roscore", "unchanged"), unit("border")], [written("/etc/rosfleet-multimaster/master_border.json")]
+    relay = restarting(
+        [unit("roscore", "unchanged"), unit("relay")], [written("/etc/rosfleet-multimaster/master_relay.json")]
     )
     several = restarting(
         [
-            unit("border"),
+            unit("relay"),
             unit("sync"),
             unit("connections"),
             unit("address"),
@@ -62,21 +62,21 @@ def test_services_that_restart_are_told_with_the_reason():
             unit("evil"),
         ],
         [
-            written(f"{code}/border/feed.py", "edited"),
+            written(f"{code}/relay/feed.py", "edited"),
             written(f"{code}/discovery/udp.py", "unchanged"),
             written("/etc/rosfleet-multimaster/master_sync.json"),
         ],
     )
     environment = restarting([unit("roscore")], [written("/etc/rosfleet-multimaster/environment")])
-    assert summary.summarize({"a": [border], "b": [several], "c": [environment]}, True)[1:] == [
-        "  a: files, services; would restart multimaster-border, since its parameters change",
+    assert summary.summarize({"a": [relay], "b": [several], "c": [environment]}, True)[1:] == [
+        "  a: files, services; would restart multimaster-relay, since its parameters change",
         "  b: files, services; would restart multimaster-address, since its unit changes, or it ran with something old; "
         "would restart multimaster-connections, multimaster-sync, since its parameters change; "
-        "would restart multimaster-border, since its code changes",
+        "would restart multimaster-relay, since its code changes",
         "  c: files, services; would restart multimaster-roscore, since the environment changes",
     ]
-    (line,) = summary.summarize({"a": [border]}, False)[1:]
-    assert line.endswith("; restarted multimaster-border, since its parameters change")
+    (line,) = summary.summarize({"a": [relay]}, False)[1:]
+    assert line.endswith("; restarted multimaster-relay, since its parameters change")
 
 
 def test_a_failure_is_told_beside_what_changed_before():

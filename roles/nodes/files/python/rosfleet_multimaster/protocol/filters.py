@@ -298,7 +298,7 @@ BUILT_IN: Mapping[str, Sequence[str]] = {
         "/rosout",
         "/master_discovery",
         "/master_sync",
-        "/master_border",
+        "/master_relay",
         "/node_manager",
         "/node_manager_daemon",
         "/zeroconf",

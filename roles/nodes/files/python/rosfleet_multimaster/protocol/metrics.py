@@ -74,11 +74,11 @@ FAMILIES: Mapping[str, Family] = {
     "states_received_total": Family("counter", (), "Whole states that were fetched from other masters."),
     "round_seconds": Family("gauge", (), "Seconds that the last round of synchronising took."),
     "round_failures_total": Family("counter", (), "Rounds of synchronising that failed."),
-    # of master_border
-    "border_robots": Family("gauge", (), "Robots whose border answers."),
-    "border_messages_total": Family("counter", _OF_TOPIC, "Messages that came to the border."),
-    "border_bytes_total": Family("counter", _OF_TOPIC, "Bytes of messages that came to the border."),
-    "border_dropped_total": Family(
+    # of master_relay
+    "relay_robots": Family("gauge", (), "Robots whose relay answers."),
+    "relay_messages_total": Family("counter", _OF_TOPIC, "Messages that came to the relay."),
+    "relay_bytes_total": Family("counter", _OF_TOPIC, "Bytes of messages that came to the relay."),
+    "relay_dropped_total": Family(
         "counter", _OF_TOPIC, "Messages that did not get to somebody who listened: too many, or too fast."
     ),
 }

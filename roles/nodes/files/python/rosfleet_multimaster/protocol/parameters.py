@@ -135,7 +135,7 @@ SYNC: Table = {
     **_COMMON,
 }
 
-BORDER: Table = {
+RELAY: Table = {
     "robot": Parameter("", "text"),
     "port": Parameter(None, "port"),
     "channels": Parameter([], "channels"),
@@ -252,7 +252,7 @@ _CHANNEL: Mapping[str, str] = {
     "whole": "texts",  # types, and packages (x/*), of which each message replaces the one before
     "newest": "flag",
     "frames": "text",  # in front of those of the robot with the inner names; empty: none is changed
-    "world": "text",  # a frame of all, below which that robot's root lies; empty: the border says nothing of it
+    "world": "text",  # a frame of all, below which that robot's root lies; empty: the relay says nothing of it
     "root": "text",
 }
 
@@ -304,7 +304,7 @@ NEVER_CROSSING = (
     "/rosfleet_multimaster",
     "/master_discovery",
     "/master_sync",
-    "/master_border",
+    "/master_relay",
 )
 
 

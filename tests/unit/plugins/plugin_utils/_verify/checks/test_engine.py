@@ -38,7 +38,7 @@ def test_everything_is_checked_and_good():
     between_networks = {"forwarding", "reverse_path", "redirects", "next_boot_route", "outer_route"}
     only_where_something_failed = {"tcp_answer", "set_up"}
     only_if_wanted = {
-        *("throughput", "sealed", "copies", "time_source", "own_tunnel", "guard", "tunnel", "border"),
+        *("throughput", "sealed", "copies", "time_source", "own_tunnel", "guard", "tunnel", "relay"),
         "arp_filter",  # where nft is there
     }
     assert {finding.check for finding in findings} == {check.id for check in CHECKS} - (

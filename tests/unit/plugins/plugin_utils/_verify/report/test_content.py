@@ -4,7 +4,7 @@
 """What is registered."""
 
 import fleets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import BORDER
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import RELAY
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Exchange,
     RegisteredService,
@@ -23,16 +23,16 @@ def test_the_robots_of_a_document():
     assert one["takes"][0]["robot"] == "kobuki2" and set(one["takes"][0]["topics"]) <= set(two["topics"])
 
 
-def test_what_crosses_by_the_border_is_given_and_taken():
+def test_what_crosses_by_the_relay_is_given_and_taken():
     entry = {"topics": ["/scan"], "back": ["/cmd_vel"], "services": ["/reset"], "as": "/kobuki1", "to": ["kobuki2"]}
     commands = {"topics": ["/kobuki1/cmd_vel"], "to": ["kobuki1"]}
 
     def change(seen):
-        own = (RegisteredTopic("/scan", "x/Scan", ("/laser",)), RegisteredTopic("/cmd_vel", "x/Twist", (BORDER,)))
+        own = (RegisteredTopic("/scan", "x/Scan", ("/laser",)), RegisteredTopic("/cmd_vel", "x/Twist", (RELAY,)))
         update = fleets.update
         update(seen[fleets.ONE].probe, exchange=Exchange(topics=own))
-        there = (RegisteredTopic("/kobuki1/scan", "x/Scan", (BORDER,)), RegisteredTopic("/own", "x/Own", ("/own",)))
-        service = (RegisteredService("/kobuki1/reset", BORDER),)
+        there = (RegisteredTopic("/kobuki1/scan", "x/Scan", (RELAY,)), RegisteredTopic("/own", "x/Own", ("/own",)))
+        service = (RegisteredService("/kobuki1/reset", RELAY),)
         update(seen[fleets.TWO].probe, exchange=Exchange(topics=there, services=service))
 
     plan = fleets.plan(exports={"kobuki1": [entry], "kobuki2": [commands]})

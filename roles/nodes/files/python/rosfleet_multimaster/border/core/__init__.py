@@ -1,3 +1,0 @@
-# SPDX-FileCopyrightText: rosfleet contributors
-# SPDX-License-Identifier: GPL-3.0-or-later
-"""The decisions of master_border. No I/O."""

@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The check of the relay: each topic that is to cross is there, and no other one."""
+
+import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    Exchange,
+    RegisteredTopic,
+)
+from fleets import diagnosed, plan, update
+
+ROBOT, STATION = "kobuki1computer", "kobuki2computer"
+SCAN, DRIVE = "sensor_msgs/LaserScan", "geometry_msgs/Twist"
+EXPORTS = {
+    "kobuki1": [{"topics": ["/scan"], "back": ["/cmd_vel"], "as": "/kobuki1"}],
+    "kobuki2": [{"topics": ["/kobuki1/cmd_vel"]}],
+}
+
+
+def tell(robot=(), station=()):
+    """The diagnosis, with what is published besides: (topic, type, node) of each."""
+
+    def seen_so(seen):
+        for name, published in ((ROBOT, robot), (STATION, station)):
+            topics = tuple(RegisteredTopic(topic, kind, (node,)) for topic, kind, node in published)
+            update(seen[name].probe, exchange=Exchange(topics=topics))
+
+    return diagnosed(seen_so, plan(2, exports=EXPORTS))
+
+
+CROSSED = {
+    "robot": [("/scan", SCAN, "/laser"), ("/cmd_vel", DRIVE, "/master_relay")],
+    "station": [("/kobuki1/scan", SCAN, "/master_relay"), ("/kobuki1/cmd_vel", DRIVE, "/joystick")],
+}
+
+
+def test_what_has_crossed_is_well():
+    assert not tell(**CROSSED).findings
+
+
+@pytest.mark.parametrize(("side", "number", "lacking"), [("station", 0, "/kobuki1/scan"), ("robot", 1, "/cmd_vel")])
+def test_what_is_not_there_is_one_finding(side, number, lacking):
+    changed = {**CROSSED, side: [row for row in CROSSED[side] if row is not CROSSED[side][number]]}
+    (finding,) = tell(**changed).findings
+    assert (finding.part.kind, finding.part.mode) == ("relay", "lacking") and lacking in finding.sentence()
+
+
+def test_what_is_published_the_wrong_way_is_not_due():
+    assert not tell(robot=CROSSED["robot"], station=[*CROSSED["station"], ("/kobuki1/scan", SCAN, "/player")]).findings
+
+
+def test_what_the_relay_says_of_the_frames_is_due():
+    entry = {"topics": ["/tf", "/tf_static"], "frames": "kobuki1/"}
+    kind = "tf2_msgs/TFMessage"
+
+    def tell_tree(*station):
+        def seen_so(seen):
+            own = (RegisteredTopic("/tf", kind, ("/base",)),)
+            update(seen[ROBOT].probe, exchange=Exchange(topics=own))
+            topics = tuple(RegisteredTopic(topic, kind, ("/master_relay",)) for topic in station)
+            update(seen[STATION].probe, exchange=Exchange(topics=topics))
+
+        exports = {"kobuki1": [entry], "kobuki2": []}
+        return diagnosed(seen_so, plan(2, exports=exports, multimaster_frames={"world": "map"}))
+
+    assert not tell_tree("/tf", "/tf_static").findings
+    (finding,) = tell_tree("/tf").findings
+    assert "/tf_static" in finding.sentence()
+
+
+def test_the_nodes_of_the_verification_itself_are_left_out():
+    entry = {"topics": ["/*"], "as": "/kobuki1"}
+
+    def seen_so(seen):
+        test = "/multimaster_verify_talker"
+        own = (RegisteredTopic("/scan", SCAN, ("/laser",)), RegisteredTopic("/multimaster_verify/a", SCAN, (test,)))
+        update(seen[ROBOT].probe, exchange=Exchange(topics=own))
+        there = tuple(RegisteredTopic("/kobuki1" + topic.name, SCAN, ("/master_relay",)) for topic in own)
+        update(seen[STATION].probe, exchange=Exchange(topics=there))
+
+    assert not diagnosed(seen_so, plan(2, exports={"kobuki1": [entry], "kobuki2": []})).findings
+
+
+def test_what_nobody_publishes_is_one_finding():
+    (finding,) = tell(robot=CROSSED["robot"][1:], station=CROSSED["station"]).findings
+    assert (finding.part.kind, finding.part.mode) == ("relay", "lacking") and "/kobuki1/scan" in finding.sentence()
