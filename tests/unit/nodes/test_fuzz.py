@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from rosfleet_multimaster.discovery.core.actions import Ask, Event
 from rosfleet_multimaster.discovery.core.announcements import MAX_ANSWERED
 from rosfleet_multimaster.discovery.core.discovery import Discovery
+from rosfleet_multimaster.discovery.core.newcomers import MAX_ASKED, MAX_NEWCOMERS
 from rosfleet_multimaster.discovery.core.peer import Contact
-from rosfleet_multimaster.discovery.core.strangers import MAX_ASKED, MAX_STRANGERS
 from rosfleet_multimaster.protocol.filters import Filters, InvalidPattern, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import InvalidDocument, State, add_stamps, build, document, parse, users_of
 from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
@@ -134,12 +134,12 @@ def test_a_flood_from_everywhere_is_bounded():
         robot.carry_out()
         if number % 64 == 0:
             robot.wait(0.01)
-    assert len(robot.core.strangers.table) <= MAX_STRANGERS
+    assert len(robot.core.newcomers.table) <= MAX_NEWCOMERS
     assert len(robot.core.announcements._answered) <= MAX_ANSWERED + 2
     assert robot.master(PEER.uri).online
     assert robot.events == []
     robot.wait(40.0)
-    assert len(robot.core.strangers.table) == 0, "strangers who never said who they are, are forgotten"
+    assert len(robot.core.newcomers.table) == 0, "newcomers who never say who they are, are forgotten"
     assert len(robot.core.announcements._answered) <= 2
 
 
@@ -155,7 +155,7 @@ def test_one_address_cannot_fill_the_table():
 
 @pytest.mark.parametrize(("rate", "flooded", "patience"), [(500, 12, 0), (3000, 3, 8)])
 def test_a_newcomer_is_met_during_or_after_a_flood_of_strangers(rate, flooded, patience):
-    """(More strangers in a second than are remembered leave no room for him while they come.)"""
+    """(More newcomers in a second than are remembered leave no room for him while they come.)"""
     robot = Bystander()
     new = Contact(1.0, "http://new:11311/", "new", "/master_discovery")
     robot.contacts[f"http://192.168.1.77:{RPC}"] = new

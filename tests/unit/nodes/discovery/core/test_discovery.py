@@ -4,12 +4,12 @@ import random
 
 import pytest
 from fleet_of_one import TIBI, URI
-from rosfleet_multimaster.discovery.core.actions import STRANGER_LIMIT, Ask, Event, Say, Send
+from rosfleet_multimaster.discovery.core.actions import NEWCOMER_LIMIT, Ask, Event, Say, Send
 from rosfleet_multimaster.discovery.core.announcements import MAX_ANSWERED
 from rosfleet_multimaster.discovery.core.discovery import Discovery
+from rosfleet_multimaster.discovery.core.newcomers import MAX_ASKED, MAX_NEWCOMERS
 from rosfleet_multimaster.discovery.core.peer import Contact, Peer, find_name_problem
 from rosfleet_multimaster.discovery.core.peers import MAX_PER_ADDRESS, RETURNED, Peers
-from rosfleet_multimaster.discovery.core.strangers import MAX_ASKED, MAX_STRANGERS
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import Master
@@ -157,7 +157,7 @@ def test_another_beat_is_no_copy_whoever_sends_it():
     core.datagram(state(2002), PEER, True, 11.01)
     core.datagram(state(2001), ("10.0.0.9", 11511), True, 11.02)
     core.tick(11.02)
-    assert [master.stamp for master in core.view.masters()][1] == 2002 and core.strangers.table
+    assert [master.stamp for master in core.view.masters()][1] == 2002 and core.newcomers.table
 
 
 def test_the_announced_stamps_are_those_of_the_state():
@@ -238,7 +238,7 @@ def test_the_own_master_is_listed_first():
 def test_a_new_master_is_asked_who_it_is():
     core = started()
     core.datagram(state(), PEER, True, 10.0)
-    assert take(core) == [Ask(KEY, "http://192.168.1.239:11611", STRANGER_LIMIT, True)]
+    assert take(core) == [Ask(KEY, "http://192.168.1.239:11611", NEWCOMER_LIMIT, True)]
     core.take_contact(KEY, CONTACT, "", 10.1)
     assert changes(core) == [("new", "kobuki2computer", True)]
 
@@ -432,7 +432,7 @@ def test_a_flood_does_not_hide_a_new_master(flood):
     core = started(heartbeat_hz=1.0)
     met = flooded(core, 8.0, FLOODS[flood](), PEER)
     assert met is not None and met < 6.0
-    assert len(core.strangers.table) <= MAX_STRANGERS
+    assert len(core.newcomers.table) <= MAX_NEWCOMERS
 
 
 def test_a_flood_does_not_keep_a_known_master_waiting():
@@ -444,18 +444,18 @@ def test_a_flood_does_not_keep_a_known_master_waiting():
         for sender in senders(step):
             core.datagram(state(), sender, True, now)
         core.tick(now)
-    asked = [(action.key, action.stranger) for action in take(core, Ask)]
-    assert (KEY, False) in asked and sum(stranger for _key, stranger in asked) == MAX_ASKED
+    asked = [(action.key, action.newcomer) for action in take(core, Ask)]
+    assert (KEY, False) in asked and sum(newcomer for _key, newcomer in asked) == MAX_ASKED
 
 
-def test_strangers_are_forgotten():
+def test_newcomers_are_forgotten():
     core = started()
     for count in range(3000):
         core.datagram(state(), (f"10.0.{count // 250}.{count % 250}", 11511), True, 10.0)
     told = [action for action in take(core, Say) if action.topic == "full"]
-    assert len(told) == 3000 - MAX_STRANGERS == 3000 - len(core.strangers.table)
+    assert len(told) == 3000 - MAX_NEWCOMERS == 3000 - len(core.newcomers.table)
     run(core, 11.0, 45.0, 1.0)
-    assert not core.strangers.table
+    assert not core.newcomers.table
 
 
 def test_one_address_has_few_masters_and_the_live_one_stays():
@@ -546,7 +546,7 @@ def test_who_promised_a_beat_is_asked_and_then_offline():
         core.tick(now)
         for action in take(core):
             if isinstance(action, Ask):
-                asked.append((now, action.limit, action.stranger))
+                asked.append((now, action.limit, action.newcomer))
             elif isinstance(action, Send) and decode(action.datagram).kind is Kind.REQUEST:
                 requests.append(now)
     assert asked == [(12.25, 2.25, False)]

@@ -15,8 +15,8 @@ from ..edge.rpc_client import Rpc
 from ..protocol.messages import Master
 from .core.actions import CONTACT_LIMIT, Ask
 from .core.health import LIMIT, Answer, Health, read_answer
+from .core.newcomers import MAX_ASKED
 from .core.peer import Contact, Key, find_name_problem
-from .core.strangers import MAX_ASKED
 
 # (key, contact or None, problem, the master has gone, a fault says so) -> True for a master of the list
 OnAnswer = Callable[[Key, Optional[Contact], str, bool, bool], bool]
@@ -40,14 +40,14 @@ class Contacts:
         `may_ask(address)`: a connection to an address that another computer names is allowed; called in threads.
         """
         self._masters = Workers(loop, 16)  # for masters that may have gone: these questions wait for no others
-        self._strangers = Workers(loop, MAX_ASKED)
+        self._newcomers = Workers(loop, MAX_ASKED)
         self._resolvers, self._limited, self._errors = resolvers, limited, errors
         self._is_known, self._may_ask, self._on_answer = is_known, may_ask, on_answer
         self._comparing: Set[str] = set()
 
     def ask(self, action: Ask) -> None:
         """Carry out an Ask of the core."""
-        (self._strangers if action.stranger else self._masters).submit(
+        (self._newcomers if action.newcomer else self._masters).submit(
             lambda: _ask_contact(action.monitor_uri, action.limit),
             lambda contact, problem: self._on_contact(action.key, contact, problem),
         )
@@ -74,7 +74,7 @@ class Contacts:
     def _compare(self, contact: Contact, heard: str, address: str, there: Optional[Contact]) -> None:
         """Note a host name that leads elsewhere: the nodes of that master cannot be reached by it either."""
         problem = find_name_problem(contact, heard, address, there)
-        if problem and self._is_known(contact.uri):  # no event would remove the error of a stranger
+        if problem and self._is_known(contact.uri):  # no event would remove the error of a newcomer
             self._errors[contact.uri] = problem
             self._limited.say("warning", f"resolve {contact.host}", problem)
         else:

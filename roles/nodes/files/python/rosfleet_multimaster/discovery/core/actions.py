@@ -8,7 +8,7 @@ from typing import Callable, Deque, NamedTuple, Optional, Union
 from ...protocol.messages import Master
 from .peer import Key, Peer
 
-CONTACT_LIMIT, STRANGER_LIMIT, LEAVE_LIMIT = 3.0, 1.5, 1.0  # seconds for an answer over TCP
+CONTACT_LIMIT, NEWCOMER_LIMIT, LEAVE_LIMIT = 3.0, 1.5, 1.0  # seconds for an answer over TCP
 
 
 class Send(NamedTuple):
@@ -24,7 +24,7 @@ class Ask(NamedTuple):
     key: Key
     monitor_uri: str
     limit: float  # seconds for the whole answer
-    stranger: bool  # it has not said yet who it is: must not keep the others waiting
+    newcomer: bool  # it has not said yet who it is: must not keep the others waiting
 
 
 class Event(NamedTuple):
@@ -65,9 +65,9 @@ class Outbox:
             limit = LEAVE_LIMIT if entry.is_leaving else limit
             self.actions.append(Ask(entry.key, entry.monitor_uri, limit, entry.contact is None))
 
-    def ask_stranger(self, key: Key) -> None:
+    def ask_newcomer(self, key: Key) -> None:
         """Have a sender asked over TCP who it is, of which nothing else is kept."""
-        self.actions.append(Ask(key, f"http://{key[0]}:{key[2]}", STRANGER_LIMIT, True))
+        self.actions.append(Ask(key, f"http://{key[0]}:{key[2]}", NEWCOMER_LIMIT, True))
 
     def event(self, change: str, master: Master) -> None:
         """Have the others on this computer told of a master."""

@@ -8,8 +8,8 @@ Each robot announces its own master by heartbeats: to a multicast group, to the 
 heartbeat says when the state of the master changed last (its stamp), and on which port its XML-RPC server answers. It
 does not say who the master is.
 
-So a new sender is a stranger first. It is asked over TCP who it is. A datagram can name any sender, so
-the number of strangers is bounded, only a few are asked at a time, and silent ones are forgotten.
+So a new sender is a newcomer first. It is asked over TCP who it is. A datagram can name any sender, so
+the number of newcomers is bounded, only a few are asked at a time, and silent ones are forgotten.
 A sender that answers becomes a peer, and others are told of it: `Event("new")`. Where the fleet is known (members.py), only
 its robots at their planned addresses and allowed strangers become peers; the rest are outsiders (outsiders.py).
 
@@ -20,7 +20,7 @@ peer goes. A LEAVE can be forged too: the peer is asked several times over TCP, 
 The own master is announced several times after each change, since one lost datagram must not delay it. While the own
 roscore does not answer, nothing is announced, and after a while the others are told that it leaves.
 
-So there are the own state (local_master.py, and announcements.py: what the others are told of it), the strangers (strangers.py),
+So there are the own state (local_master.py, and announcements.py: what the others are told of it), the newcomers (newcomers.py),
 the peers (peers.py) and the view that others have of all masters (view.py). `Discovery` hands on what comes to them.
 
 There are no sockets, threads and clocks here: every time is an argument, in seconds of a clock that never steps. What is
@@ -37,10 +37,10 @@ from .actions import Outbox
 from .announcements import Announcements
 from .life import Life
 from .local_master import LocalMaster
+from .newcomers import Newcomers
 from .outsiders import Outsiders
 from .peer import FAR, LONG_AGO, Contact, Key, Peer
 from .peers import News, Peers
-from .strangers import Strangers
 from .view import View
 
 SCAN, EARLY = 1.0, 0.5  # seconds between two ticks at most; and the tidying may come so much before its time
@@ -61,10 +61,10 @@ class Discovery:
         self.actions = self._outbox.actions
         self.outsiders = Outsiders(self._outbox)
         self.peers = Peers(settings, self.members, self.local, self._outbox)
-        self.strangers = Strangers(self.members, self.outsiders, self._outbox)
+        self.newcomers = Newcomers(self.members, self.outsiders, self._outbox)
         self.announcements = Announcements(settings, self.local, self.peers, self._outbox)
         self.view = View(settings, self.members, self.local, self.peers, self._outbox)
-        self.life = Life(self.members, self.outsiders, self.peers, self.strangers, self.view, self._outbox)
+        self.life = Life(self.members, self.outsiders, self.peers, self.newcomers, self.view, self._outbox)
         self._ticked = FAR
         self._next_scan = 0.0
 
@@ -99,7 +99,7 @@ class Discovery:
         """Take the new addresses of this computer: a peer at one of them is this node itself."""
         self.peers.mark_stale()
         self.local.addresses = frozenset(own_addresses)
-        for table in (self.peers.table, self.strangers.table):
+        for table in (self.peers.table, self.newcomers.table):
             for key in [key for key in table if self.local.is_this_node(key[0], key[2])]:
                 del table[key]
         self.view.publish(self._ticked)
@@ -128,7 +128,7 @@ class Discovery:
         if not planned and not self.local.admits(source[0]):
             if beat.kind is not Kind.LEAVE:
                 self.outsiders.hear(source[0], beat.rpc_port, now, self.local.may_ask(source[0]))
-                self.strangers.meet(now)
+                self.newcomers.meet(now)
             return
         key = (source[0], 0 if planned else source[1], beat.rpc_port)
         if beat.kind is Kind.REQUEST:
@@ -137,7 +137,7 @@ class Discovery:
         if entry is not None:
             self._hear(entry, beat, now)
         elif beat.kind is not Kind.LEAVE:
-            self.strangers.hear(key, beat, now)
+            self.newcomers.hear(key, beat, now)
 
     def _hear(self, entry: Peer, beat: Heartbeat, now: float) -> None:
         if beat.kind is Kind.LEAVE:
@@ -165,12 +165,12 @@ class Discovery:
         """
         self.peers.mark_stale()
         # A closed port is no answer of a discovery node.
-        self.strangers.end_question(key, answered=contact is not None or fault)
-        entry = self.peers.table.get(key) or self.strangers.table.get(key)
+        self.newcomers.end_question(key, answered=contact is not None or fault)
+        entry = self.peers.table.get(key) or self.newcomers.table.get(key)
         if entry is None:
             other = f"its discovery answers at port {key[2]}, which is not the planned one"
             self.outsiders.take_answer(key, contact, self.life.objection(key, contact) or other, now)
-            self.strangers.meet(now)
+            self.newcomers.meet(now)
             return False
         asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, FAR
         if contact is None and not fault:
@@ -182,7 +182,7 @@ class Discovery:
             entry.heard = now
         self.life.take_answer(entry, News(now, contact, problem, starting, gone, LONG_AGO if asked is None else asked))
         self.view.publish(self._ticked)
-        self.strangers.meet(now)
+        self.newcomers.meet(now)
         return contact is not None and key in self.peers.table
 
     def tick(self, now: float) -> None:
@@ -195,13 +195,13 @@ class Discovery:
         if now >= self._next_scan - EARLY:  # rather now than to wake for it
             self._next_scan = now + SCAN
             self.announcements.tidy(now)
-            self.strangers.forget(now)
+            self.newcomers.forget(now)
         if self.peers.stale:
             self.view.publish(now)
-        self.strangers.meet(now)
+        self.newcomers.meet(now)
 
     # What the program asks
 
     def next_tick(self) -> float:
         """The time at which `tick` has something to do."""
-        return min([self._next_scan, self.peers.next_step(), *self.strangers.due(), *self.announcements.due()])
+        return min([self._next_scan, self.peers.next_step(), *self.newcomers.due(), *self.announcements.due()])

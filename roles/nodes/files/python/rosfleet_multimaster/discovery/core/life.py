@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The life of a peer: what its answers over TCP mean for it, and what is done when a datagram says that it leaves.
 
-A peer is a stranger until it says who it is (`Peer.contact`). Then it is online or not: its heartbeats and its silence decide
+A peer is a newcomer until it says who it is (`Peer.contact`). Then it is online or not: its heartbeats and its silence decide
 (peers.py). Beside that, it may be asked whether it has left (`Peer.checks`): anybody can write a LEAVE.
 """
 
@@ -12,10 +12,10 @@ from ...protocol.heartbeat import Kind
 from ...protocol.members import Members
 from ...protocol.plain_text import quote
 from .actions import Outbox
+from .newcomers import FORGET_NEWCOMER, Newcomers
 from .outsiders import Outsiders
 from .peer import Contact, Key, Peer
 from .peers import MAX_MASTERS, MAX_PER_ADDRESS, News, Peers
-from .strangers import FORGET_STRANGER, Strangers
 from .view import View
 
 LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: a peer that still answers after these has not left
@@ -28,10 +28,10 @@ class Life:
     """Takes the answers of peers, and their leave."""
 
     def __init__(
-        self, members: Members, outsiders: Outsiders, peers: Peers, strangers: Strangers, view: View, outbox: Outbox
+        self, members: Members, outsiders: Outsiders, peers: Peers, newcomers: Newcomers, view: View, outbox: Outbox
     ) -> None:
         self._members, self._outsiders, self._peers = members, outsiders, peers
-        self._strangers, self._view, self._outbox = strangers, view, outbox
+        self._newcomers, self._view, self._outbox = newcomers, view, outbox
 
     def leave(self, entry: Peer, now: float) -> None:
         """Ask a peer over TCP whether it has left."""
@@ -45,7 +45,7 @@ class Life:
         if news.contact is not None and objection:
             self._refuse(entry, news.contact, objection, news.now)
         elif entry.contact is None:
-            self._take_stranger(entry, news)
+            self._take_newcomer(entry, news)
         elif entry.is_leaving:
             self._take_check(entry, news)
         elif news.contact is not None:
@@ -61,19 +61,19 @@ class Life:
         """Exchange nothing with a master that is not what it says, and ask it again much later. Its heartbeats are still heard."""
         self._outsiders.refuse(entry.key, contact, objection, now)
         self._peers.drop(entry, now)
-        entry.contact_due = now + FORGET_STRANGER
+        entry.contact_due = now + FORGET_NEWCOMER
 
-    def _take_stranger(self, entry: Peer, news: News) -> None:
-        """List a stranger that has said who it is, if there is room."""
+    def _take_newcomer(self, entry: Peer, news: News) -> None:
+        """List a newcomer that has said who it is, if there is room."""
         if news.contact is None:
             self._ask_later(entry, news)
         elif self._peers.has_room(entry):
-            self._peers.add(self._strangers.table.pop(entry.key))
+            self._peers.add(self._newcomers.table.pop(entry.key))
             self._identify(entry, news.contact, news)
         else:
             text = f"{entry.monitor_uri} is ignored: {MAX_MASTERS} masters are known already"
             self._outbox.say("warning", "masters", text)
-            entry.contact_due = entry.contacted + FORGET_STRANGER
+            entry.contact_due = entry.contacted + FORGET_NEWCOMER
 
     def _identify(self, entry: Peer, contact: Contact, news: News) -> None:
         """Remember who a peer is. It answers, so it is online."""
@@ -87,7 +87,7 @@ class Life:
         entry.contact_due = news.now + (CONTACT_RETRY_NO_STATE if news.starting else CONTACT_RETRY)
         entry.credit, entry.failures = 0, entry.failures + 1
         if entry.contact is None:
-            few = len(self._strangers.table) <= MAX_PER_ADDRESS
+            few = len(self._newcomers.table) <= MAX_PER_ADDRESS
             text = f"{entry.monitor_uri} is heard, but does not say who it is: {quote(news.problem)}"
             self._outbox.say("warning", f"contact {entry.key[0]}" if few else "contacts", text)
 

@@ -75,7 +75,7 @@ class Peer:
     since: float
     heard: float  # its last sign of life
     beat: Heartbeat
-    contact: Optional[Contact] = None  # none yet: a stranger
+    contact: Optional[Contact] = None  # none yet: a newcomer
     online: bool = False  # others are told that it is
     credit: int = 0  # datagrams since it was last asked in vain who it is,
     failures: int = 0  # and how often it was
@@ -121,7 +121,7 @@ class Peer:
         return (*state, self.rate, self.contact_due, self.contact, silent)
 
     def master(self) -> Master:
-        """The master as others are told of it; not for a stranger."""
+        """The master as others are told of it; not for a newcomer."""
         stamp, local = self.beat.stamp.seconds, self.beat.local_stamp.seconds
         contact = self.contact or Contact(0.0, "", "", "")
         return Master(contact.name, contact.uri, self.monitor_uri, contact.discoverer, stamp, local, self.online)

@@ -74,11 +74,11 @@ class Peers:
     # The table
 
     def has_room(self, entry: Peer) -> bool:
-        """True where a stranger can be listed. Where one address has too many peers, one of these goes instead."""
+        """True where a newcomer can be listed. Where one address has too many peers, one of these goes instead."""
         return len(self.table) < MAX_MASTERS or len(self._find_by_address(entry)) >= MAX_PER_ADDRESS
 
     def add(self, entry: Peer) -> None:
-        """List a stranger. Where one address has too many peers, the one goes that sent nothing for the longest time."""
+        """List a newcomer. Where one address has too many peers, the one goes that sent nothing for the longest time."""
         same = self._find_by_address(entry)
         if len(same) >= MAX_PER_ADDRESS:
             del self.table[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]

@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strangers: senders that have not said who they are. A datagram can name any sender, so there may be many."""
+"""Newcomers: senders that have not said who they are. A datagram can name any sender, so there may be many."""
 
 from typing import Dict, List, Set
 
 from ...protocol.heartbeat import Heartbeat, Kind
 from ...protocol.members import Members
-from .actions import STRANGER_LIMIT, Outbox
+from .actions import NEWCOMER_LIMIT, Outbox
 from .outsiders import Budget, Outsiders
 from .peer import FAR, Key, Peer
 
-MAX_STRANGERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
-FORGET_STRANGER = 30.0  # seconds of silence
+MAX_NEWCOMERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
+FORGET_NEWCOMER = 30.0  # seconds of silence
 
 
-class Strangers:
-    """The table of the strangers, and those that are being asked."""
+class Newcomers:
+    """The table of the newcomers, and those that are being asked."""
 
     def __init__(self, members: Members, outsiders: Outsiders, outbox: Outbox) -> None:
         self.table: Dict[Key, Peer] = {}  # in the order in which they were last heard
@@ -25,12 +25,12 @@ class Strangers:
         self._turn = False
 
     def hear(self, key: Key, beat: Heartbeat, now: float) -> None:
-        """Take a heartbeat of a stranger."""
+        """Take a heartbeat of a newcomer."""
         entry = self.table.pop(key, None)
         if entry is None:
             entry = Peer(key, now, now, beat, contact_due=now)
-            if len(self.table) >= MAX_STRANGERS:
-                text = f"{MAX_STRANGERS} senders do not say who they are: the first are forgotten"
+            if len(self.table) >= MAX_NEWCOMERS:
+                text = f"{MAX_NEWCOMERS} senders do not say who they are: the first are forgotten"
                 self._outbox.say("warning", "full", text)
                 del self.table[next(first for first in self.table if first not in self._asked)]
         self.table[key] = entry
@@ -52,17 +52,17 @@ class Strangers:
     def forget(self, now: float) -> None:
         """Forget those that have been silent for long."""
         self._outsiders.forget(now)
-        while self.table and now - next(iter(self.table.values())).heard > FORGET_STRANGER:
+        while self.table and now - next(iter(self.table.values())).heard > FORGET_NEWCOMER:
             self.table.pop(next(iter(self.table)))
 
     def meet(self, now: float) -> None:
-        """Ask strangers who they are, not too many at a time.
+        """Ask newcomers who they are, not too many at a time.
 
         A flood may always have new senders: so the one that is heard most comes first. It may repeat the same ones:
         so every second time, the one that was asked least comes first.
         """
         for key in self._outsiders.due(now):
-            self._outbox.ask_stranger(key)
+            self._outbox.ask_newcomer(key)
         while len(self._asked) < MAX_ASKED:
             waiting = [entry for entry in self.table.values() if entry.asked is None and entry.contact_due <= now]
             if not waiting:
@@ -74,7 +74,7 @@ class Strangers:
                 continue
             self._budget.spend(entry.key[0], now)
             self._asked.add(entry.key)
-            self._outbox.ask(entry, now, STRANGER_LIMIT)
+            self._outbox.ask(entry, now, NEWCOMER_LIMIT)
 
     def due(self) -> List[float]:
         """The times of the next questions."""
@@ -83,7 +83,7 @@ class Strangers:
         return [*times, self._outsiders.next_due()]
 
     def _free(self, entry: Peer, now: float) -> float:
-        """The time from which a stranger may be asked: twice, and later again, unless a member is planned there."""
+        """The time from which a newcomer may be asked: twice, and later again, unless a member is planned there."""
         if self._members.is_discovery(entry.key[0], entry.key[2]):
             return now
         return self._budget.free(entry.key[0], now)
