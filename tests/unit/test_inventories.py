@@ -12,6 +12,7 @@ import sys
 
 import pytest
 import yaml
+from mentioned import mentions
 
 pytestmark = pytest.mark.whole
 
@@ -72,10 +73,7 @@ def test_a_wrong_inventory_ends_before_any_host_is_reached(changed):
     wrong = changed({"kobuki2computer": {"multimaster_address": "192.168.1.229"}})
     status, output = site("inventory/single_computer", wrong)
     assert status != 0
-    assert (
-        "kobuki2computer: multimaster_address is 192.168.1.229, which kobuki1computer has too; expected an address of its "
-        "own: correct one of the two."
-    ) in output
+    assert mentions(output, "kobuki2computer", "multimaster_address", "192.168.1.229", "kobuki1computer", "own")
     assert "UNREACHABLE" not in output
 
 
@@ -84,9 +82,7 @@ def test_a_wrong_host_outside_the_limit_is_named_too(changed):
     wrong = changed({"kobuki2computer": {"multimaster_master": "kobuki3computer"}})
     status, output = site("inventory/single_computer", wrong, limit="kobuki1")
     assert status != 0
-    assert (
-        "kobuki2computer: multimaster_master is 'kobuki3computer', which is no computer of the robot kobuki2" in output
-    )
+    assert mentions(output, "kobuki2computer", "multimaster_master", "kobuki3computer", "kobuki2")
 
 
 @pytest.mark.slow
@@ -119,8 +115,8 @@ def test_contradicting_exports_are_named_before_any_change(changed):
     groups = {robot: {"vars": {"multimaster_exports": exports}} for robot, exports in given.items()}
     status, output = site("inventory/multi_computer", changed({}, children=groups))
     assert status != 0
-    assert "tibi-visio: multimaster_exports is for 'dabbo', which is no robot (did you mean dabo?)" in output
-    assert "dabo-nav: multimaster_exports gives the service /reset to car, and so does that of tibi" in output
+    assert mentions(output, "tibi-visio", "multimaster_exports", "dabbo", "dabo")
+    assert mentions(output, "dabo-nav", "multimaster_exports", "/reset", "car", "tibi")
     assert "UNREACHABLE" not in output
 
 
@@ -139,7 +135,7 @@ def test_robots_that_are_no_groups_are_named(tmp_path):
     flat.write_text("robots: {hosts: {kobuki1computer: {multimaster_address: 192.168.1.229}}}\n")
     status, output = site(flat)
     assert status != 0
-    assert "kobuki1computer: is in the group 'robots' but in none of its robots" in output
+    assert mentions(output, "kobuki1computer", "group", "robots")
 
 
 @pytest.mark.slow
@@ -166,7 +162,7 @@ def test_a_host_below_robots_and_beside_its_groups_is_no_robot(changed):
     extra = changed({}, children={"robots": {"hosts": {"laptop": {}}}})
     status, output = site("inventory/single_computer", extra)
     assert status != 0
-    assert "laptop: is in the group 'robots' but in none of its robots" in output
+    assert mentions(output, "laptop", "robots")
 
 
 # The examples

@@ -35,5 +35,5 @@ def test_no_package_is_in_both_lists():
 
 
 def test_an_unknown_release_is_refused():
-    with pytest.raises(LabError, match="no image of buster; expected one of bullseye, bookworm, trixie"):
+    with pytest.raises(LabError, match="bullseye.*bookworm.*trixie"):
         image.Image("buster", full=False).recipe()

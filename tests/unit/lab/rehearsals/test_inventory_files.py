@@ -104,7 +104,7 @@ def test_what_cannot_be_read_gets_a_sentence(tmp_path, text):
 
 
 def test_no_inventory(tmp_path):
-    with pytest.raises(LabError, match="does not exist; expected a folder or a file: correct INVENTORY"):
+    with pytest.raises(LabError, match="exist.*INVENTORY"):
         read(tmp_path / "nowhere", tmp_path / "work", OPTIONS)
 
 

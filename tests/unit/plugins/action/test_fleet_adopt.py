@@ -10,6 +10,7 @@ import types
 import pytest
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_adopt
+from mentioned import mentions
 from shown import machine, read_folder, roscore
 
 INFOS = {
@@ -62,7 +63,7 @@ def test_check_mode_writes_nothing_and_the_difference_shows_all(tmp_path):
 def test_a_folder_with_something_in_it_stays(tmp_path):
     (tmp_path / "mine").write_text("mine")
     result = adopt(tmp_path)
-    assert result["failed"] and result["msg"].startswith(f"{tmp_path} is there and is not an empty folder; expected")
+    assert result["failed"] and mentions(result["msg"], tmp_path, "empty")
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
     assert adopt(tmp_path / "mine")["failed"]
 
@@ -109,7 +110,7 @@ def test_a_machine_that_was_not_read_is_named_and_left_out(tmp_path, info, why):
 
 def test_without_a_robot_nothing_is_written(tmp_path):
     result = adopt(tmp_path / "fleet", {"laptop": machine("laptop", "192.168.1.9/24")})
-    assert result["failed"] and result["msg"].startswith("No robot was found on 1 machines; expected a running roscore")
+    assert result["failed"] and mentions(result["msg"], "1", "roscore")
     assert not list(tmp_path.iterdir())
 
 

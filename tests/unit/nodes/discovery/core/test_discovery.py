@@ -4,6 +4,7 @@ import random
 
 import pytest
 from fleet_of_one import TIBI, URI
+from mentioned import mentions
 from rosfleet_multimaster.discovery.core.actions import NEWCOMER_LIMIT, Ask, Event, Say, Send
 from rosfleet_multimaster.discovery.core.announcements import MAX_ANSWERED
 from rosfleet_multimaster.discovery.core.discovery import Discovery
@@ -370,7 +371,7 @@ def test_whoever_answers_with_the_uri_of_another_robot_is_named():
         core.datagram(state(rate=1.0), source, True, 10.0)
         core.take_contact((*source, 11611), CONTACT, "", 10.0)
     (said,) = [action.text for action in take(core, Say) if "10.0.0.2" in action.text]
-    assert "answers at 192.168.1.239 and at 10.0.0.2: it stays where it is" in said
+    assert mentions(said, "192.168.1.239", "10.0.0.2")
 
 
 def test_an_own_address_that_is_new_is_not_another_master():

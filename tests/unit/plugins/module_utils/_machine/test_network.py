@@ -60,7 +60,7 @@ def test_details_that_are_broken_hide_no_interface(monkeypatch):
 
 def test_interfaces_that_cannot_be_read_are_a_sentence(monkeypatch):
     monkeypatch.setattr(network, "run", lambda _argv: commands.Answer(-1, b"", "ip could not be started"))
-    with pytest.raises(OSError, match='the interfaces\' addresses cannot be read: "ip could not be started"'):
+    with pytest.raises(OSError, match="interfaces.*started"):
         network.interfaces()
 
 

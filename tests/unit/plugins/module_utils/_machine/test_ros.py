@@ -12,6 +12,7 @@ import tempfile
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import fkie, ros
+from mentioned import mentions
 
 MODULE = "class Anything: pass\n"
 pytestmark = pytest.mark.skipif(not os.path.exists(ros.PYTHON), reason=f"there is no {ros.PYTHON}")
@@ -199,8 +200,8 @@ def test_a_prefix_is_preferred_to_debians_packages(opt):
 
 def test_nothing_there(opt):
     assert f"neither {opt}/<distro>/setup.sh nor Debian's python3-rospy" in find(opt)["problem"]
-    assert "multimaster_ros_setup is debian, but /nowhere is not there" in find(opt, "debian")["problem"]
-    assert f"multimaster_ros_setup is {opt}/ws, but that is neither" in find(opt, f"{opt}/ws")["problem"]
+    assert mentions(find(opt, "debian")["problem"], "multimaster_ros_setup", "/nowhere")
+    assert mentions(find(opt, f"{opt}/ws")["problem"], "multimaster_ros_setup", f"{opt}/ws")
 
 
 def test_a_workspace_by_its_folder(opt):
@@ -229,7 +230,7 @@ def test_a_ros_for_python_2_needs_it(opt, more, monkeypatch):
     prefix(opt, more=more)
     found = find(opt)
     assert found["chosen"]["rospy"] is False
-    assert "is made for Python 2, but there is no /nowhere/python2.7; install it" in found["problem"]
+    assert mentions(found["problem"], "Python", "2", "/nowhere/python2.7")
 
 
 @pytest.mark.parametrize("more", PYTHON_2)
@@ -286,7 +287,7 @@ def test_what_an_environment_of_conda_lacks_is_named(opt):
     here = environment_of_conda(opt, ["std_srvs"])
     chosen = find(opt, str(here))["chosen"]
     assert (chosen["python"], chosen["missing"]) == (f"{here}/bin/python3", ["std_srvs"])
-    assert chosen["problem"].startswith(f"{here}/bin/python3 cannot import std_srvs out of {here}/setup.bash;")
+    assert mentions(chosen["problem"], f"{here}/bin/python3", "std_srvs", f"{here}/setup.bash")
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="root only can be stopped by nobody's rights")
@@ -295,7 +296,7 @@ def test_a_closed_environment_of_conda_is_named(opt):
     os.chmod(here / "bin", 0o700)
     (here / "setup.bash").write_text("export ROS_DISTRO=noetic\n")
     problem = find(opt, str(here))["problem"]
-    assert f"The folder {here}/bin (mode 0700) is closed to other users" in problem
+    assert mentions(problem, f"{here}/bin", "0700")
 
 
 def test_a_prefix_may_be_made_for_another_python(opt, monkeypatch):
@@ -404,7 +405,7 @@ def test_a_node_that_cannot_be_imported_says_why(opt):
     (opt / "src/python/some_msgs/msg.py").write_text("")
     found = nodes(opt, ROS_PACKAGE_PATH=str(opt))
     assert found[0] == str(path)
-    assert found[1].startswith("some_msgs.srv cannot be imported: ModuleNotFoundError: No module named 'some_msgs.srv'")
+    assert mentions(found[1], "some_msgs.srv", "ModuleNotFoundError")
     (opt / "src/python/some_sync/sync.py").write_text("print('hello')\nraise SystemExit(3)\n")
     assert nodes(opt, ROS_PACKAGE_PATH=str(opt))[1] == "some_sync.sync cannot be imported: SystemExit: 3"
 

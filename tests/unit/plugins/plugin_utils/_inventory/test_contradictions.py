@@ -6,6 +6,7 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory, InventoryProblems
+from mentioned import mentions
 
 SHARED = {"multimaster_common_network": "192.168.1.0/24", "multimaster_advertise": "address"}
 HSR = {"multimaster_master": "hsrb", "multimaster_sealed": {"hsrb": "192.168.1.40"}}
@@ -27,22 +28,22 @@ def problems(hosts=("hsr-pc",), **variables):
 
 TWO = ("hsr-pc", "hsr-eye")
 WRONG = {
-    "no companion": (problems(TWO), "hsr-pc: multimaster_companion is not set, but the master of the robot hsr, hsrb,"),
-    "sealed companion": (problems(multimaster_companion="hsrb"), "multimaster_companion is hsrb, which is sealed"),
+    "no companion": (problems(TWO), "multimaster_companion hsrb"),
+    "sealed companion": (problems(multimaster_companion="hsrb"), "multimaster_companion hsrb"),
     "strange companion": (
         problems(TWO, multimaster_companion="hsr-ey"),
-        "'hsr-ey', which is no computer of the robot hsr; expected one of hsr-pc, hsr-eye (did you mean hsr-eye?)",
+        "hsr-ey hsr hsr-pc hsr-eye",
     ),
     "companion of nobody": (
         problems(multimaster_master="hsr-pc", multimaster_companion="hsr-pc"),
-        "but multimaster_master of the robot hsr is no sealed computer",
+        "multimaster_companion multimaster_master hsr",
     ),
     "names": (
         problems(multimaster_advertise="name"),
-        "hsrb: is in multimaster_sealed, but multimaster_advertise is 'n",
+        "hsrb multimaster_sealed multimaster_advertise name",
     ),
-    "managed roscore": (problems(multimaster_roscore="managed"), "hsrb: is sealed, but multimaster_roscore of the rob"),
-    "other nodes": (problems(multimaster_provider="fkie_apt"), "hsrb: is sealed, but multimaster_provider of the robo"),
+    "managed roscore": (problems(multimaster_roscore="managed"), "hsrb multimaster_roscore"),
+    "other nodes": (problems(multimaster_provider="fkie_apt"), "hsrb multimaster_provider"),
     "sealed gateway": (
         problems(
             multimaster_network="192.168.11.0/24",
@@ -50,44 +51,42 @@ WRONG = {
             multimaster_common_address="192.168.1.99",
             multimaster_sealed={"hsrb": "192.168.11.40"},
         )[-1:],
-        "hsrb: is sealed, and multimaster_gateway of the robot hsr; expected a gateway that can be set up",
+        "hsrb multimaster_gateway hsr",
     ),
     "a host": (
         problems(multimaster_sealed={"kobuki-pc": "192.168.1.40"}, multimaster_master="hsr-pc"),
-        "kobuki-pc: is a host of the inventory, and in multimaster_sealed of the robot hsr; expected one of the two",
+        "kobuki-pc multimaster_sealed hsr",
     ),
     "outside": (
         problems(multimaster_sealed={"hsrb": "192.168.2.40"}),
-        "hsrb: multimaster_sealed is 192.168.2.40, which",
+        "multimaster_sealed 192.168.2.40",
     ),
-    "same address": (problems(multimaster_sealed={"hsrb": "192.168.1.41"}), "is 192.168.1.41, which hsrb has too"),
+    "same address": (problems(multimaster_sealed={"hsrb": "192.168.1.41"}), "192.168.1.41 hsrb"),
     "same name": (
         problems(multimaster_sealed={"hsrb": {"address": "192.168.1.40", "aliases": ["Kobuki-PC"]}}),
         "also means",
     ),
-    "true": (problems(multimaster_sealed=True), "is True; expected names of computers with their addresses, such as {"),
-    "no name": (problems(multimaster_sealed={"a b": "192.168.1.40"}), "{hsrb: 192.168.1.40}, but 'a b' is no name"),
+    "true": (problems(multimaster_sealed=True), "multimaster_sealed True addresses"),
+    "no name": (problems(multimaster_sealed={"a b": "192.168.1.40"}), "hsrb 192.168.1.40 name"),
     "mistyped": (
         problems(multimaster_sealed={"hsrb": {"adress": "192.168.1.40"}}),
-        "expected 'address' and 'aliases' of 'hsrb' (did you mean address?)",
+        "adress address aliases hsrb",
     ),
-    "no address": (problems(multimaster_sealed={"hsrb": {}}), "expected an IPv4 address such as"),
-    "no master": (problems(multimaster_master="hsrc"), "expected one of hsr-pc, hsrb (did you mean"),
+    "no address": (problems(multimaster_sealed={"hsrb": {}}), "hsrb IPv4 address"),
+    "no master": (problems(multimaster_master="hsrc"), "hsrc hsr-pc hsrb"),
 }
 
 
 @pytest.mark.parametrize("case", WRONG)
 def test_a_wrong_seal_is_one_sentence(case):
     found, sentence = WRONG[case]
-    assert len(found) == 1 and sentence in found[0], found
+    assert len(found) == 1 and mentions(found[0], *sentence.split())
 
 
 def test_one_sealed_computer_has_one_robot():
     sealed = {**SHARED, **HSR}
     values = {f"hsr{n}-pc": {**sealed, "multimaster_address": f"192.168.1.{n}"} for n in (1, 2)}
-    with pytest.raises(
-        InventoryProblems, match="hsrb: is in multimaster_sealed of the robots hsr1 and hsr2; expected one"
-    ):
+    with pytest.raises(InventoryProblems, match="multimaster_sealed.*hsr1.*hsr2"):
         read.read_fleet(Inventory(robots={"hsr1": ["hsr1-pc"], "hsr2": ["hsr2-pc"]}, variables=values))
 
 
@@ -119,9 +118,7 @@ def find_port_problems(giver=None, receiver=None, exports=({"topics": ["/scan"],
 )
 def test_the_port_of_a_relay_is_its_own(host, ports):
     (problem,) = find_port_problems(*ports)
-    assert problem.startswith(
-        f"{host}: multimaster_rpc_port is 11911, which is also the port of its relay, which it needs"
-    )
+    assert mentions(problem, host, "multimaster_rpc_port", "11911")
     assert not find_port_problems(*ports, exports=[{"topics": ["/scan"]}]), (
         "a robot without a relay leaves this port free"
     )
@@ -129,7 +126,7 @@ def test_the_port_of_a_relay_is_its_own(host, ports):
 
 def test_a_relay_has_a_port():
     (problem,) = find_port_problems({"multimaster_roscore_port": 65000})
-    assert problem.startswith("a: multimaster_roscore_port is 65000, and the port of the relay is 600 above it")
-    assert "expected at most 64935: set another one in group_vars/ra.yml." in problem
+    assert mentions(problem, "multimaster_roscore_port", "65000", "600")
+    assert mentions(problem, "64935", "group_vars/ra.yml")
     assert not find_port_problems({"multimaster_roscore_port": 64935})
     assert not find_port_problems({"multimaster_roscore_port": 65000}, exports=[{"topics": ["/scan"]}])

@@ -6,7 +6,6 @@
 import copy
 import ipaddress
 import pathlib
-import re
 
 import pytest
 import yaml
@@ -19,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.va
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mentioned import mentions
 
 SHIPPED = pathlib.Path(__file__).resolve().parents[5] / "inventory" / "multi_computer"
 
@@ -259,7 +259,7 @@ WRONG = {
         [
             robot("dabo", multimaster_network="192.168.10.0/23"),
         ],
-        "multimaster_network of the robot tibi is 192.168.11.0/24, and multimaster_network of the robot dabo is 192.168.10.0/23: they overlap",
+        "multimaster_network tibi 192.168.11.0/24 dabo 192.168.10.0/23",
     ),
     "a network in the common one": (
         [
@@ -269,90 +269,90 @@ WRONG = {
                 for number, name in enumerate(("tibi-nav", "tibi-visio", "tibi-monitor"), 130)
             ),
         ],
-        "multimaster_network of the robot tibi is 192.168.1.128/25, and multimaster_common_network is 192.168.1.0/24: they overlap",
+        "multimaster_network tibi 192.168.1.128/25 multimaster_common_network 192.168.1.0/24",
     ),
     "a gateway outside the common network": (
         [robot("tibi", multimaster_common_address="192.168.2.201")],
-        "tibi-visio: multimaster_common_address is 192.168.2.201, which is outside multimaster_common_network 192.168.1.0/24",
+        "tibi-visio multimaster_common_address 192.168.2.201 multimaster_common_network 192.168.1.0/24",
     ),
     "a computer outside its network": (
         [host("tibi-nav", multimaster_address="192.168.10.77")],
-        "tibi-nav: multimaster_address is 192.168.10.77, which is outside multimaster_network 192.168.11.0/24",
+        "tibi-nav multimaster_address 192.168.10.77 multimaster_network 192.168.11.0/24",
     ),
     "no gateway": (
         [robot("tibi", multimaster_gateway=None)],
-        "multimaster_gateway of the robot tibi is not set, but multimaster_network is; .* tibi-nav, tibi-visio, tibi-monitor",
+        "multimaster_gateway tibi multimaster_network tibi-nav tibi-visio tibi-monitor",
     ),
     "no address of the gateway": (
         [robot("tibi", multimaster_common_address=None)],
-        "multimaster_common_address of the robot tibi is not set, but multimaster_network is",
+        "multimaster_common_address tibi multimaster_network",
     ),
     "no network": (
         [robot("tibi", multimaster_network=None)],
-        "multimaster_network of the robot tibi is not set, but multimaster_gateway is",
+        "multimaster_network tibi multimaster_gateway",
     ),
     "a network with host bits": (
         [robot("tibi", multimaster_network="192.168.11.1/24")],
-        "multimaster_network is '192.168.11.1/24'; expected an IPv4 network",
+        "multimaster_network 192.168.11.1/24 IPv4",
     ),
     "a network of one address": (
         [robot("tibi", multimaster_network="192.168.11.101/32")],
-        "multimaster_network is '192.168.11.101/32'; expected an IPv4 network of several addresses",
+        "multimaster_network 192.168.11.101/32 IPv4",
     ),
     **{
         f"the network {network}": (
             [robot("tibi", multimaster_network=network)],
-            f"multimaster_network is '{network}'; expected an IPv4 network of several addresses",
+            f"multimaster_network {network} IPv4",
         )
         for network in ("0.0.0.0/0", "127.0.0.0/8", "224.0.0.0/4")
     },
     "a gateway of another robot": (
         [robot("tibi", multimaster_gateway="dabo-visio")],
-        "multimaster_gateway of the robot tibi is 'dabo-visio', which is not one of its computers",
+        "multimaster_gateway tibi dabo-visio",
     ),
     "a gateway by its address": (
         [robot("tibi", multimaster_gateway="192.168.11.101")],
-        "multimaster_gateway of the robot tibi is 192.168.11.101, the address of tibi-visio; .*write tibi-visio",
+        "multimaster_gateway tibi 192.168.11.101 tibi-visio write",
     ),
     "a device outside the robot's network": (
         [robot("tibi", multimaster_gateway="192.168.1.9")],
-        "multimaster_gateway is 192.168.1.9, which is outside multimaster_network 192.168.11.0/24",
+        "multimaster_gateway 192.168.1.9 multimaster_network 192.168.11.0/24",
     ),
     "the same common address twice": (
         [robot("dabo", multimaster_common_address="192.168.1.201")],
-        "dabo-visio: multimaster_common_address is 192.168.1.201, which tibi-visio has too",
+        "dabo-visio multimaster_common_address 192.168.1.201 tibi-visio",
     ),
     "the router's address": (
         [robot("dabo", multimaster_common_address="192.168.1.1")],
-        "router: multimaster_address is 192.168.1.1, which dabo-visio has too",
+        "multimaster_address 192.168.1.1 dabo-visio",
     ),
     "a router outside the common network": (
         [host("router", multimaster_address="10.0.0.1")],
-        "router: multimaster_address is 10.0.0.1, which is outside multimaster_common_network",
+        "multimaster_address 10.0.0.1 multimaster_common_network",
     ),
     "a router without an address": (
         [host("router", multimaster_address=None)],
-        "router: multimaster_address is not set",
+        "multimaster_address router",
     ),
     "two routers": (
         [lambda data: data.update(routers=["router", "other"]), lambda data: data["variables"].update(other={})],
-        "the group 'routers' has 2 hosts",
+        "group routers 2",
     ),
     "a robot's computer as the router": (
         [lambda data: data.update(routers=["tibi-visio"])],
-        "tibi-visio: is in the group 'routers' and a computer of a robot",
+        "tibi-visio group routers",
     ),
     "a mistyped variable of the router": (
         [host("router", multimaster_adress="192.168.1.1")],
-        "router: the variable multimaster_adress is not known .did you mean multimaster_address",
+        "router multimaster_adress multimaster_address",
     ),
     "a master nobody can reach": (
         [everywhere(multimaster_transport="multicast")],
-        "dabo-nav: is the master of the robot dabo behind the gateway dabo-visio, and multimaster_transport is 'multicast'",
+        "dabo-nav dabo gateway dabo-visio multimaster_transport multicast",
     ),
     "a group that no router passes on": (
         [everywhere(multimaster_multicast_routing="smcroute")],
-        "multimaster_multicast_group is 224.0.0.1, which no router passes on",
+        "multimaster_multicast_group 224.0.0.1",
     ),
 }
 
@@ -362,8 +362,7 @@ def test_what_cannot_be_routed_is_one_sentence(case):
     changes, expected = WRONG[case]
     found = problems(*changes)
     assert len(found) == 1, found
-    assert re.search(expected, found[0]), found
-    assert "expected" in found[0]
+    assert mentions(found[0], *expected.split())
 
 
 def test_routed_multicast_alone_reaches_an_inner_master():
@@ -477,9 +476,7 @@ def shared(firewall, strangers):
 
 def test_a_packet_filter_and_welcome_strangers_contradict():
     found = contradictions.find_excluded_strangers(shared("fleet", "allow"))
-    assert len(found) == 1 and found[0].startswith(
-        "multimaster_firewall is 'fleet' and multimaster_strangers is 'allow'"
-    )
+    assert len(found) == 1 and mentions(found[0], "multimaster_firewall", "fleet", "multimaster_strangers", "allow")
     for firewall, strangers in (("fleet", "ignore"), ("none", "allow"), (None, None)):
         assert contradictions.find_excluded_strangers(shared(firewall, strangers)) == []
 
@@ -554,16 +551,16 @@ def test_without_a_tunnel_network_the_addresses_are_those_given():
     [
         (
             {"multimaster_tunnel": "none"},
-            "multimaster_tunnel_network is '10.77.0.0/24', but multimaster_tunnel is 'none'",
+            "multimaster_tunnel_network 10.77.0.0/24 multimaster_tunnel none",
         ),
-        ({"multimaster_tunnel_network": "10.77.0.0/16"}, "expected a prefix length of 24 for both"),
+        ({"multimaster_tunnel_network": "10.77.0.0/16"}, "24 length"),
         ({"multimaster_tunnel_network": "192.168.28.0/24"}, "they overlap"),
-        ({"multimaster_tunnel_network": "192.168.29.0/24"}, "multimaster_network of the robot dan is"),
-        ({"multimaster_tunnel_network": "10.77.0.1"}, "an IPv4 network of several addresses"),
-        ({"multimaster_router": "192.168.28.1"}, "the common network has a router"),
+        ({"multimaster_tunnel_network": "192.168.29.0/24"}, "multimaster_network dan"),
+        ({"multimaster_tunnel_network": "10.77.0.1"}, "IPv4 several"),
+        ({"multimaster_router": "192.168.28.1"}, "common network router"),
     ],
 )
 def test_a_wrong_network_is_one_sentence(shared, sentence):
     with pytest.raises(fleet_module.InventoryProblems) as found:
         tunnel_fleet(**shared)
-    assert len(found.value.problems) == 1 and sentence in found.value.problems[0], found.value.problems
+    assert len(found.value.problems) == 1 and mentions(found.value.problems[0], *sentence.split())

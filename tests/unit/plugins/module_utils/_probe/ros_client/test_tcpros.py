@@ -47,7 +47,7 @@ def test_imports_are_read():
 
 def test_another_type_is_named():
     with provider(head(md5sum="0", type="old_msgs/DiscoverMasters")) as uri:
-        with pytest.raises(OSError, match=r"of the type old_msgs/DiscoverMasters \(0\), which is not known"):
+        with pytest.raises(OSError, match="old_msgs/DiscoverMasters.*0"):
             call(uri)
 
 

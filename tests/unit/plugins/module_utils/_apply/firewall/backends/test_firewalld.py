@@ -15,6 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewa
     PacketFilter,
     Port,
 )
+from mentioned import mentions
 
 WANTED = PacketFilter(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
 LISTING = """\
@@ -107,11 +108,7 @@ def test_what_a_reload_would_lose_is_named(monkeypatch, tmp_path, permanent, ref
 def test_a_firewalld_without_policies_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(firewalld, "FOLDER", str(tmp_path / "policies"))
     monkeypatch.setattr(firewalld.BackEnd, "is_active", lambda _self: True)
-    assert (
-        firewalld.BackEnd(False, None)
-        .refusal()
-        .startswith(f"firewalld has no {tmp_path}/policies, expected firewalld 0.9")
-    )
+    assert mentions(firewalld.BackEnd(False, None).refusal(), "firewalld", f"{tmp_path}/policies", "0.9")
 
 
 TOOL = """#!/bin/sh

@@ -25,6 +25,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewa
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
+from mentioned import mentions
 
 NODES = Path(__file__).parents[7] / "lab" / "nodes"
 TOOLS = ("nft", "unshare", "nsenter", "ip", "sysctl")
@@ -99,7 +100,7 @@ def test_a_kernel_without_nftables(monkeypatch):
     monkeypatch.setattr(contract, "run_command", lambda _argv: Answer(1, b"", said))
     with pytest.raises(Problem, match="^This computer does not take the packet filter") as found:
         nftables.BackEnd(False, SMALL)
-    assert 'nft says: "Error: Could not process rule: Operation not supported' in str(found.value)
+    assert mentions(str(found.value), "nft", "Operation not supported")
     assert "set multimaster_firewall to none" in str(found.value) and len(str(found.value)) < 500
 
 
@@ -111,9 +112,7 @@ def test_a_container_that_may_make_no_network_namespace(monkeypatch):
     if restricted and not (shutil.which("setpriv") and may_drop(restricted)):
         pytest.skip("setpriv cannot take the right away here")
     monkeypatch.setattr(contract, "run_command", lambda argv: ask([*restricted, *argv]))
-    with pytest.raises(
-        Problem, match='could not be tried in a network namespace of their own ."unshare: unshare failed'
-    ):
+    with pytest.raises(Problem, match="own.*unshare"):
         nftables.BackEnd(False, SMALL)
 
 
