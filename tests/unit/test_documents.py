@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import cloud_init
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = subprocess.run(
@@ -85,13 +84,6 @@ def test_each_link_of_a_page_leads_to_a_file_and_a_heading():
     assert list(filter(None, (leads(page, link) for page, link in found))) == []
 
 
-def test_a_link_that_leads_nowhere_is_told():
-    assert leads("README.md", "docs/nowhere.md").endswith("which is not there")
-    assert leads("README.md", "CONTRIBUTING.md#nothing").endswith("CONTRIBUTING.md does not have")
-    assert not leads("README.md", "CONTRIBUTING.md#words") and not leads("roles/hosts/README.md", "../../docs")
-    assert anchors("# Who? `a_b`, c\n```\n# no\n```\n## Two\n## Two\n") == {"who-a_b-c", "two", "two-1"}
-
-
 @pytest.mark.parametrize("ending", [".md", ".py", ".yml", "Makefile", ".sh", ".txt", ".toml", ".in"])
 def test_each_page_that_a_file_names_is_there(ending):
     """In prose, in comments, in what users are told."""
@@ -110,11 +102,6 @@ def test_each_file_that_a_page_for_developers_names_is_there(page):
     ends = tuple(f"/{name}" for name in THERE)
     lost = [name for name in named if not any(end.endswith(f"/{name}") for end in ends)]
     assert len(named) > 3 and lost == []
-
-
-def test_the_model_of_a_docstring_is_in_its_file():
-    [(name, block)] = re.findall(r"\(`(plugins/\S+\.py)`\):\n\n```python\n(.*?)```", text("CONTRIBUTING.md"), re.DOTALL)
-    assert block in text(name)
 
 
 def test_the_index_has_each_page_once():
@@ -158,15 +145,3 @@ def test_the_settings_for_users_are_those_of_the_checkout():
     told.read_string(block)
     own.read_string(text("ansible.cfg"))
     assert [told[part] for part in told] and all(told[part].items() <= own[part].items() for part in told)
-
-
-def test_the_readme_is_short():
-    assert len(text("README.md").splitlines()) <= 135
-
-
-def test_what_is_put_on_a_robot_names_the_file_for_cloud_init():
-    row = next(
-        line for line in text("docs/start/machines.md").splitlines() if "cloud-init" in line and line[:2] == "| "
-    )
-    assert f"`{cloud_init.CONFIGURATION}`" in row and "/etc/cloud" not in row
-    assert not any(path.startswith(cloud_init.INSTALLED) for path in cloud_init.FILES)

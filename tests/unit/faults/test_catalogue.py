@@ -1,19 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The files of the catalogue say what the runner, the lab and the diagnosis know; the page lists each of them."""
+"""The files of the catalogue say what the runner, the lab and the diagnosis know."""
 
-import re
 import shlex
 import subprocess
 from pathlib import Path
 
 import catalogue
-import judge
-import kept
-import page
 import pytest
-import remedy
 import words
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS
@@ -52,29 +47,6 @@ def test_steps_are_of_known_places_and_valid_bash():
 def test_every_fault_of_the_lab_is_taken_back_by_a_word():
     for fault in ALL:
         assert [step.where for step in fault.inject].count("lab") == [step.where for step in fault.undo].count("lab")
-
-
-def test_nearly_half_of_them_are_part_of_make_test():
-    """Each of these takes about 15 s there; make test has no time for the others."""
-    assert 6 <= sum(fault.quick for fault in ALL) <= 10
-
-
-def test_the_page_lists_every_file():
-    text = page.PAGE.read_text(encoding="utf-8").partition(page.BEGIN)[2].partition(page.END)[0]
-    assert sorted(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)) == sorted(fault.name for fault in ALL)
-
-
-def test_the_page_is_written_between_its_marks(tmp_path, monkeypatch):
-    copy = tmp_path / "page.md"
-    copy.write_text(f"before\n{page.BEGIN}\nold\n{page.END}\nafter\n")
-    monkeypatch.setattr(page, "PAGE", copy)
-    row = kept.Row(judge.FIRST, "so it is", 12.0, 60, 59, "abc1234", remedied=f"{remedy.MENDS}: run site.yml")
-    page.write([(ALL[0], row), (ALL[1], None)], "It agrees.")
-    text = copy.read_text()
-    assert text.startswith(f"before\n{page.BEGIN}") and text.endswith(f"{page.END}\nafter\n")
-    assert "old" not in text and "\n\nIt agrees.\n\n" in text
-    assert f"| `{ALL[0].name}` |" in text and "| first | yes |" in text
-    assert f"| `{ALL[1].name}` |" in text and f"| {page.UNTRIED} | {page.UNTRIED} |" in text
 
 
 def written(tmp_path, text):
