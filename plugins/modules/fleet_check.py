@@ -24,6 +24,13 @@ options:
       - Of a module that failed there, the sentence says what it takes to look at a machine.
     type: dict
     required: true
+  networks:
+    description:
+      - The networks of all robots, RV(rosfleet.multimaster.fleet_plan#module:networks). An interface of the machine with an address or
+        a route in that of another robot is a problem, whichever route counts today.
+    type: list
+    elements: dict
+    default: []
   refuse:
     description:
       - Whether a problem fails the task on this computer, which then falls out of the run; the others go on. With V(false), for
@@ -56,6 +63,7 @@ EXAMPLES = r"""
       rosfleet.multimaster.fleet_check:
         plan: "{{ multimaster_fleet.computers[inventory_hostname] }}"
         machine: "{{ multimaster_info }}"
+        networks: "{{ multimaster_fleet.networks }}"
       register: multimaster_plan
 """
 
@@ -82,11 +90,12 @@ computer:
 found:
   description:
     - "The state of the machine, for a run that changes nothing: C(set_up) says whether the collection has records there, C(runs) and
-      C(noted) are sentences about other programs on the ports of the plan and about all other problems, C(broken_ros) says why
+      C(noted) are sentences about other programs on the ports of the plan and about all other problems, C(overlaps) names the
+      interfaces that lead into the network of another robot, C(broken_ros) says why
       nodes of the ROS that is there cannot start, C(environment) is that of ROS where no file of ours has it."
   returned: when nothing is refused
   type: dict
-  sample: {set_up: true, runs: [], noted: [], broken_ros: "", environment: {}}
+  sample: {set_up: true, runs: [], noted: [], overlaps: [], broken_ros: "", environment: {}}
 sysctl:
   description: The kernel settings of the plan, for example; see RV(rosfleet.multimaster.fleet_plan#module:computers) for all keys.
   returned: when nothing is refused

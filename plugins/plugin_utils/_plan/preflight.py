@@ -17,9 +17,9 @@ from .._base import advice
 from .._base.features import load_hooks
 from .._base.plain_text import LINE, quote
 from .._inventory.flows import RELAY_PORT
-from . import environment, providers, set_up, units
+from . import environment, overlaps, providers, set_up, units
 from .hooks import PlanHooks
-from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, Interface, Port, Setting
+from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, Interface, Port, RobotNetwork, Setting
 
 # The units of the collection. They may hold the ports of the plan.
 # multimaster-border.service is the former name of multimaster-relay.service: it holds the relay's port until this run stops it.
@@ -45,6 +45,7 @@ class MachineState:
     set_up: bool = True  # the collection has records there
     runs: tuple[str, ...] = ()  # a sentence for each other program on the ports of the plan
     noted: tuple[str, ...] = ()  # the other problems: sentences too
+    overlaps: tuple[str, ...] = ()  # each interface that leads into another robot's network, in words
     broken_ros: str = ""  # why nodes of the ROS that is installed cannot start; a sentence
     # Of ROS, as our file would have it. Empty where that file is there.
     environment: Mapping[str, str] = field(default_factory=dict)
@@ -60,8 +61,8 @@ class Comparison:
     state: MachineState
 
 
-def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
-    """Compare one computer's plan with its machine. `info` is the return of `multimaster_info`.
+def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[RobotNetwork] = ()) -> Comparison:
+    """Compare one computer's plan with its machine. `info` is the return of `multimaster_info`, `networks` are those of all robots.
 
     The new plan has the names of the interfaces, the nodes' programs and the packages to install.
     """
@@ -96,14 +97,17 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any]) -> Comparison:
             warnings += [*_find_missing_roscore(plan, info), *limits]
         else:
             warnings += ros
+    overlapping = overlaps.find_overlaps(plan, networks, info)
     state = MachineState(
         set_up=bool(info.get("owned")),
         runs=_describe_holders(plan, holders),
         noted=tuple(problems),
+        overlaps=tuple(map(str, overlapping[: overlaps.MOST])),
         broken_ros=broken_ros,
         environment=_list_environment(plan, info),
     )
     problems += [_refuse_port(plan, holder) for holder in holders]
+    problems += overlaps.describe_overlaps(plan, overlapping)
     return Comparison(tuple(problems), tuple(warnings), filled, state)
 
 

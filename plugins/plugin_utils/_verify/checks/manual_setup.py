@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from ..._base.sentences import shorten_list
 from ..components.parts import ANY
 from ..context.case import Case
 from ..context.needs import make_parts
@@ -30,3 +31,15 @@ def _judge_as_planned(case: Case) -> Judgement | None:
     other = [text.removeprefix(f"{case.observer.name}: ") for text in (*found.runs, *found.noted)]
     parts = make_parts("set_up", case.observer.name, "others" if found.runs else "refused")
     return judge_fault(WARNING, "nothing that site.yml would refuse", " ".join(other), "nothing", parts)
+
+
+@Check(
+    title="no interface leads into another robot's network",
+    when=lambda case: case.observer.seen.found is not None,
+    needs=lambda case: make_parts("interface", case.observer.name, "overlap"),
+)
+def _judge_overlaps(case: Case) -> Judgement:
+    found = case.observer.seen.found
+    named = shorten_list(found.overlaps, 4) if found else ""
+    parts = make_parts("interface", case.observer.name, "overlap", what=named)
+    return judge_fault(WARNING, "no address or route in the network of another robot", named, "none", parts)

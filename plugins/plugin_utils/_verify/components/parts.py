@@ -260,6 +260,15 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         "on another computer there: arping -D -I <interface> <its address>",
         cost=4.5,
     ),
+    ("interface", "overlap"): Fault(
+        "an interface of {place} leads into the network of another robot: {what}; if its routes get another order, as at a boot, {place} does "
+        "not reach that robot",
+        "give that interface a network of its own (docker: bip in /etc/docker/daemon.json; libvirt: virsh net-edit; VPN, hotspot: their "
+        "configuration), or that robot another one in the inventory; see",
+        "on {place}: ip -4 -br address; ip route show table all",
+        what="see ip address",
+        read=ALWAYS,
+    ),
     ("neighbour", "mute"): Fault(
         "{place} answers nobody who asks for its hardware address: a packet filter for ARP, or arp_ignore",
         "let it answer; see",
@@ -940,9 +949,11 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("roscore", "name"): (("environment", "service"),),
     # What comes in elsewhere, as at a port that was taken out of a bridge, is of no use while the planned interface has no link.
     ("interface", "multicast"): (("interface", "address"), ("interface", "port"), ("link", "down")),
+    ("interface", "overlap"): (("interface", "address"),),
     ("route", "missing"): (
         ("route", "closed"),
         ("route", "rule"),
+        ("interface", "overlap"),
         ("link", "down"),
         ("interface", "address"),
         ("interface", "prefix"),
@@ -950,6 +961,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("route", "other"): (
         ("route", "rule"),
         ("route", "defaults"),
+        ("interface", "overlap"),
         ("interface", "address"),
         ("interface", "prefix"),
     ),

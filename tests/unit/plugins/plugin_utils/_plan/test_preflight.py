@@ -16,7 +16,11 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.features import FEATURES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import preflight, providers, units
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Setting
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
+    ComputerPlan,
+    RobotNetwork,
+    Setting,
+)
 
 PLAN = {
     "computer": "kobuki1computer",
@@ -115,6 +119,22 @@ def test_a_machine_like_its_plan():
         features_due={f"{feature.name}_due": False for feature in FEATURES},
     )
     assert compare() == preflight.Comparison((), (), plan, preflight.MachineState())
+
+
+def test_an_interface_in_the_network_of_another_robot_is_refused_and_told_apart():
+    def change(info):
+        info["interfaces"].append({**info["interfaces"][1], "name": "docker0"})
+        info["interfaces"][2]["addresses"] = [{"address": "172.17.0.1", "prefix": 16}]
+        info["interfaces"][2]["port_of"] = ""
+
+    info = copy.deepcopy(INFO)
+    change(info)
+    own = {"gateway": "172.17.4.1", "common_address": "192.168.1.7"}
+    networks = [from_plain(RobotNetwork, {"robot": "dabo", "network": "172.17.4.0/24", **own})]
+    told = preflight.compare(from_plain(ComputerPlan, PLAN), info, networks)
+    what = "docker0 has 172.17.0.1/16, in the network of dabo (172.17.4.0/24)"
+    assert what in told.problems[0] and len(told.problems) == 1
+    assert told.state.overlaps == (what,) and told.state.noted == ()
 
 
 def _make_vpn(interface):

@@ -70,6 +70,7 @@ def test_everything_is_good_between_three_robot_networks():
         "answers_pings",
         "packet_filter",
         "as_planned",
+        "overlaps",
         "next_boot_sysctl",
         "next_boot_route",
     } | {

@@ -5,6 +5,7 @@
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FOLLOWS
 from fleets import ONE, ROBOTS, diagnosed, evaluate, fig12, notable, parts, update
 
 HELD = (
@@ -78,3 +79,15 @@ def test_a_second_computer_is_of_the_robot_of_its_master():
     assert inner in ROBOTS["tibi"][3]
     assert verdicts(master_is_ours=False) == {UNKNOWN}
     assert FAILED in verdicts(master_is_ours=True)
+
+
+def test_an_interface_in_the_network_of_another_robot_is_a_warning_of_its_own():
+    what = "br0 has 192.168.10.1/24, in the network of dabo (192.168.10.0/24)"
+    told = diagnosed(lambda seen: update(seen[ONE], found=MachineState(overlaps=(what,))))
+    assert parts(told) == [("interface", ONE, "overlap")]
+    assert what in told.findings[0].sentence() and "daemon.json" in told.findings[0].remedy()
+
+
+def test_a_route_that_an_overlap_turns_away_follows_from_it():
+    assert ("interface", "overlap") in FOLLOWS["route", "other"]
+    assert ("interface", "address") in FOLLOWS["interface", "overlap"]
