@@ -3,7 +3,7 @@
 
 """Sends datagrams that nobody should send, from addresses that are not its own, and measures the victim's heartbeats.
 
-fuzz_datagrams.py VICTIM PEER GROUP SEED COUNT RATE KIND... : runs on a computer of the lab, as root, and prints JSON.
+fuzz_datagrams.py VICTIM PEER GROUP SEED COUNT RATE KIND... : runs on a computer of the lab, as root, beside hostile_inputs.py, and prints JSON.
 """
 
 import ipaddress
@@ -15,43 +15,12 @@ import sys
 import threading
 import time
 
+from hostile_inputs import LEAVE, PORT, mutated_heartbeat, some_bytes, some_heartbeat
+
 victim, peer, group, seed, count, rate, *kinds = sys.argv[1:]
 rng, count, rate = random.Random(f"{seed} {kinds}"), int(count), float(rate)
-PORT, RPC = 11511, 11611
 NETWORK = [str(address) for address in ipaddress.ip_network(f"{victim}/24", strict=False).hosts()]
 STRANGERS = [address for address in NETWORK if address not in (victim, peer)]
-
-
-def record(version=2, rate=10, secs=0, nsecs=0, rpc=RPC, local_secs=0, local_nsecs=0):
-    return struct.pack("<cBBxiiHxxii", b"R", version, rate, secs, nsecs, rpc, local_secs, local_nsecs)
-
-
-def some_record():
-    """A valid one, with any content."""
-    kind, now = rng.randrange(4), int(time.time())
-    if kind == 0:
-        return record(version=3, rate=0, rpc=some_port())  # a request
-    if kind == 1:
-        return record(secs=-1, nsecs=-1, local_secs=-1, local_nsecs=-1, rpc=some_port())  # a LEAVE
-    secs = rng.choice([0, 1, now, now + rng.randrange(100), 2**31 - 1])
-    return record(
-        rng.choice([2, 3]), rng.randrange(256), secs, rng.randrange(2**31), some_port(), secs, rng.randrange(2**31)
-    )
-
-
-def some_port():
-    return rng.choice([RPC, RPC, rng.randrange(65536)])
-
-
-def mutated():
-    data = bytearray(some_record())
-    for _change in range(rng.randint(1, 4)):
-        data[rng.randrange(len(data))] = rng.randrange(256)
-    return bytes(data[: rng.choice([24, 24, 24, 21, 2, 1, 0])] + rng.randbytes(rng.choice([0, 0, 0, 1, 40])))
-
-
-def leave():
-    return record(rate=0, secs=-1, nsecs=-1, local_secs=-1, local_nsecs=-1)
 
 
 #: kind -> who seems to send it, its source port, what it is
@@ -59,13 +28,13 @@ KINDS = {
     "random": lambda: (
         rng.choice(NETWORK),
         rng.randrange(65536),
-        rng.randbytes(rng.choice([1, 2, 24, 24, rng.randrange(1400)])),
+        some_bytes(rng, rng.choice([1, 2, 24, 24, rng.randrange(1400)])),
     ),
-    "mutated": lambda: (rng.choice([peer, rng.choice(STRANGERS)]), PORT, mutated()),
-    "spoofed": lambda: (peer, rng.choice([PORT, rng.randrange(65536)]), some_record()),
-    "strangers": lambda: (rng.choice(STRANGERS), rng.choice([PORT, rng.randrange(65536)]), some_record()),
-    "leave of a stranger": lambda: (rng.choice(STRANGERS), PORT, leave()),
-    "leave of the peer": lambda: (peer, PORT, leave()),
+    "mutated": lambda: (rng.choice([peer, rng.choice(STRANGERS)]), PORT, mutated_heartbeat(rng)),
+    "spoofed": lambda: (peer, rng.choice([PORT, rng.randrange(65536)]), some_heartbeat(rng)),
+    "strangers": lambda: (rng.choice(STRANGERS), rng.choice([PORT, rng.randrange(65536)]), some_heartbeat(rng)),
+    "leave of a stranger": lambda: (rng.choice(STRANGERS), PORT, LEAVE),
+    "leave of the peer": lambda: (peer, PORT, LEAVE),
 }
 
 beats = []

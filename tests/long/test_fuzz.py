@@ -48,6 +48,9 @@ def lab():
         assert status == 0, output
         found.start(PEER, "before", "rostopic pub -r 5 /fuzz/before std_msgs/Int32 1")
         wait_until(lambda: "/fuzz/before" in roscore(found), 20, "the other robot's topic")
+        found.run(
+            PEER, "cat > /tmp/hostile_inputs.py", stdin=(ROOT / "lab/nodes/hostile/hostile_inputs.py").read_text()
+        )
         yield found
 
 
@@ -114,7 +117,8 @@ def unchanged(lab, name):
 
 def attack(script, *arguments):
     """Start one of the scripts on the second robot."""
-    words = ["podman", "exec", "-i", containers.container(LAB, PEER), "python3", "-", *map(str, arguments)]
+    container = ["--env", "PYTHONPATH=/tmp", containers.container(LAB, PEER)]
+    words = ["podman", "exec", "-i", *container, "python3", "-", *map(str, arguments)]
     with open(HERE / script, encoding="utf-8") as program:
         return subprocess.Popen(words, stdin=program, stdout=subprocess.PIPE, text=True)
 

@@ -55,7 +55,8 @@ def test_nothing_is_lost_and_nothing_comes_back(lab):
 
 @pytest.mark.parametrize("seed", CALL_SEEDS)
 def test_no_call_of_anybody_makes_a_roscore_worse(lab, seed):
-    lab.run(HOST, "cat > /tmp/fuzz_roscore.py", stdin=(ROOT / "lab/nodes/hostile/fuzz_roscore.py").read_text())
+    for name in ("hostile_inputs.py", "fuzz_roscore.py"):
+        lab.run(HOST, f"cat > /tmp/{name}", stdin=(ROOT / "lab/nodes/hostile" / name).read_text())
     calls = CALLS // len(CALL_SEEDS)
     command = f"PYTHONPATH=/tmp/python:$PYTHONPATH exec python3 /tmp/fuzz_roscore.py {calls} {seed}"
     done = subprocess.run(

@@ -386,7 +386,8 @@ FUZZED = int(os.environ.get("ROSCORE_CALLS", "3000"))
 
 def test_no_call_of_anybody_makes_a_roscore_worse(lab):
     """A roscore of its own, beside that of the robot; tests/long/test_roscore.py makes more calls."""
-    lab.run(FIRST, "cat > /tmp/fuzz_roscore.py", stdin=(ROOT / "lab/nodes/hostile/fuzz_roscore.py").read_text())
+    for name in ("hostile_inputs.py", "fuzz_roscore.py"):
+        lab.run(FIRST, f"cat > /tmp/{name}", stdin=(ROOT / "lab/nodes/hostile" / name).read_text())
     library = "/usr/local/lib/rosfleet-multimaster/python"
     told = lab.run(FIRST, f"PYTHONPATH={library}:$PYTHONPATH python3 /tmp/fuzz_roscore.py {FUZZED} 1")
     found = json.loads(told.splitlines()[-1])

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Calls that any program may make to a roscore, out of a seed: any method, any value, any bytes; and kill -9 in between.
 
-    fuzz_roscore.py CALLS [SEED]
+    fuzz_roscore.py CALLS [SEED]      (beside hostile_inputs.py)
 
 It starts the roscore itself. A third of the callers are strangers, who come by another address than the loopback, a third are local
 users without rights, a third are of root. After each kill the roscore must answer within START seconds, the nodes that live must be
@@ -11,7 +11,6 @@ registered, and its file, its memory and its threads must be within what docs/un
 
 import collections
 import contextlib
-import gzip
 import json
 import os
 import random
@@ -26,9 +25,10 @@ import time
 import xmlrpc.client
 import xmlrpc.server
 
+from hostile_inputs import MIB, break_bytes, laughs, request_of, some_bytes
+
 PORT, START, ALIVE, HEARD = 11398, 5.0, 4, "/alive/heard"
 URI = f"http://127.0.0.1:{PORT}/"
-MIB = 1 << 20
 MEMORY, FILE = 1024 * MIB, 600 * MIB  # MemoryMax of the unit, and what docs/understand/roscore.md says of the file
 USER = 65534  # nobody
 METHODS = """registerPublisher registerSubscriber registerService unregisterPublisher unregisterSubscriber unregisterService subscribeParam
@@ -243,30 +243,6 @@ def split(given):
     return f"<param>{given}</param>"
 
 
-def break_bytes(rng, data):
-    data = bytearray(data[:200000])
-    for _change in range(rng.randrange(1, 6)):
-        at = rng.randrange(len(data))
-        data[at : at + rng.choice([0, 1, 1, 30])] = rng.choice(
-            [
-                rng.randbytes(5),
-                b"",
-                bytes(data[at : at + 60]),
-                b"<value>",
-                b"]]>",
-                b"&x;",
-                b"\xff\xfe",
-                b"&#0;",
-                b"<!--",
-                b"<![CDATA[",
-            ]
-        )
-    return bytes(data)
-
-
-LAUGHS = b'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><methodCall><methodName>&b;</methodName></methodCall>'
-
-
 def request(rng, own):
     """The bytes of one request; now and then one that is none."""
     body = document(rng, own)
@@ -274,29 +250,10 @@ def request(rng, own):
     if kind < 0.12:
         body = break_bytes(rng, body)
     elif kind < 0.14:
-        body = rng.choice(
-            [LAUGHS, LAUGHS.decode().encode("utf-16"), rng.randbytes(500), b"", b"<" * 200000, b"<a " + b"x" * 300000]
-        )
+        body = rng.choice([laughs(rng), some_bytes(rng, 500), b"", b"<" * 200000, b"<a " + b"x" * 300000])
     elif kind < 0.145:
         body = b"x" * rng.choice([33 * MIB, 40 * MIB])
-    length, more = str(len(body)), ""
-    if rng.random() < 0.03:
-        body = gzip.compress(rng.choice([body, b" " * (40 * MIB)]), 1)
-        length, more = str(len(body)), "Content-Encoding: gzip\r\n"
-    if rng.random() < 0.03:
-        length = rng.choice(
-            ["-1", "0", "", "x", str(1 << 40), "9" * 30, str(len(body) // 2), f"{length}\r\nTransfer-Encoding: chunked"]
-        )
-        more += rng.choice(
-            ["", "Content-Encoding: br\r\n", "Expect: 100-continue\r\n", "X: " + "y" * 20000 + "\r\n", "Z: 1\r\n" * 300]
-        )
-    if rng.random() < 0.3:
-        more += "Accept-Encoding: gzip\r\n"
-    verb, path = (
-        rng.choice(["POST"] * 60 + ["GET", "PUT", "\0"]),
-        rng.choice(["/RPC2"] * 30 + ["/", "/x" * 500, "/pydoc.css"]),
-    )
-    return f"{verb} {path} HTTP/1.{rng.randrange(2)}\r\nContent-Length: {length}\r\n{more}\r\n".encode() + body
+    return request_of(rng, body, packed=40)
 
 
 def judge_answer(data):

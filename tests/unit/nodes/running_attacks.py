@@ -20,7 +20,7 @@ import time
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-import fuzz_requests
+import hostile_inputs
 from running_sync import Roscore, serve
 
 HERE = pathlib.Path(__file__).parent
@@ -114,7 +114,7 @@ class Server:
         until(self.answers, "it answers at the start")
 
     def draw(self, rng, cost):
-        return fuzz_requests.costly(rng, self.name, [cost])
+        return hostile_inputs.costly(rng, self.name, [cost])
 
     @contextlib.contextmanager
     def attack(self, body):
@@ -200,7 +200,7 @@ class Asking:
         return xmlrpc.client.dumps((state,), methodresponse=True, allow_none=True).encode()
 
     def draw(self, rng, cost):
-        return fuzz_requests.costly_answer(rng, f"http://{BAD}:11311/", [cost])
+        return hostile_inputs.costly_answer(rng, f"http://{BAD}:11311/", [cost])
 
     @contextlib.contextmanager
     def attack(self, body):
@@ -239,7 +239,7 @@ def main():
 
 def attack(victim, seed, number):
     """Attack once."""
-    cost = fuzz_requests.COSTS[number % len(fuzz_requests.COSTS)]
+    cost = hostile_inputs.COSTS[number % len(hostile_inputs.COSTS)]
     body, before = victim.draw(random.Random(f"{seed} {number}"), cost), victim.node.spent()
     with victim.attack(body):
         meanwhile = victim.answers()

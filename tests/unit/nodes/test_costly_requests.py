@@ -18,7 +18,7 @@ from tests.unit.nodes.test_master_discovery import NAMESPACE, NODES, has_namespa
 pytestmark = pytest.mark.whole
 
 HERE = pathlib.Path(__file__).parent
-PATHS = [NODES, HERE, HERE.parents[1] / "long", os.environ.get("PYTHONPATH", "")]
+PATHS = [NODES, HERE, HERE.parents[2] / "lab/nodes/hostile", os.environ.get("PYTHONPATH", "")]
 COUNT, WITHIN = 8, 2.0  # requests to a node; seconds of a processor
 SEED = os.environ.get("COSTS_SEED", "1")
 

@@ -7,7 +7,9 @@ import math
 import signal
 import xmlrpc.client
 
+import hostile_inputs
 import pytest
+from drawn import drawn
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from rosfleet_multimaster.discovery.core.actions import Ask, Event
@@ -17,7 +19,7 @@ from rosfleet_multimaster.discovery.core.newcomers import MAX_ASKED, MAX_NEWCOME
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.protocol.filters import Filters, InvalidPattern, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import InvalidDocument, State, add_stamps, build, document, parse, users_of
-from rosfleet_multimaster.protocol.heartbeat import SIZE, Heartbeat, Kind, Stamp, decode, encode
+from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.messages import Master, View
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.wire_filters import read_pattern, read_rules, write_rules
@@ -35,24 +37,8 @@ BEAT = encode(Heartbeat(Kind.STATE, RPC, 1.0, Stamp(2000), Stamp(2000)))
 # Datagrams
 
 
-def mutated(data):
-    """A valid record with some bytes of it replaced."""
-    changes = st.lists(st.tuples(st.integers(0, SIZE - 1), st.integers(0, 255)), max_size=4)
-    return changes.map(lambda pairs: bytes(dict(pairs).get(at, byte) for at, byte in enumerate(data)))
-
-
 ports = st.sampled_from([0, 1, PORT, RPC, 40000, 65535])
-seconds = st.sampled_from([-(2**31), -2, -1, 0, 1, 2000, 2**31 - 1])
-stamps = st.builds(Stamp, seconds, seconds)
-records = st.builds(Heartbeat, st.just(Kind.STATE), ports, st.sampled_from([0.0, 0.3, 1.0, 25.5]), stamps, stamps)
-leaves = ports.map(lambda port: Heartbeat(Kind.LEAVE, port))
-requests = ports.map(lambda port: Heartbeat(Kind.REQUEST, port))
-datagrams = st.one_of(
-    st.binary(max_size=30),
-    st.one_of(records, leaves, requests).map(encode),
-    st.sampled_from([BEAT, encode(Heartbeat(Kind.LEAVE, RPC)), encode(Heartbeat(Kind.REQUEST, RPC))]),
-    mutated(BEAT),
-)
+datagrams = drawn(hostile_inputs.datagram) | st.just(BEAT)
 addresses = st.sampled_from([PEER_ADDRESS, OWN_ADDRESS, "127.0.0.1", "0.0.0.0", "10.0.0.7"]) | st.ip_addresses(v=4).map(
     str
 )
@@ -218,40 +204,23 @@ def within(seconds):
         signal.signal(signal.SIGPROF, before)
 
 
-def grown(inner):
-    return st.one_of(
-        st.lists(inner, min_size=1, max_size=6).map("".join),
-        st.lists(inner, min_size=2, max_size=4).map("|".join).map("(?:{})".format),
-        st.tuples(inner, st.sampled_from(["*", "+", "?", "{2,9}", "*?", "{0,255}", "{3}"])).map(
-            lambda pair: "(?:%s)%s" % pair
-        ),
-        inner.map("(?={})".format),
-        inner.map(r"({})\1".format),
-    )
-
-
-patterns = st.recursive(
-    st.sampled_from(["a", ".", "[ab]", r"\w", ".*", "a*", "/", "[^a]", r"\Z", ""]), grown, max_leaves=20
-)
-texts = patterns | st.text("ab/*.+?{}()[]|\\AZ^$0123,:=!<>P'", max_size=60) | st.text(max_size=40)
+texts = drawn(hostile_inputs.expression) | st.text(max_size=40)
 
 
 @pytest.mark.slow
 @settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
 @given(texts)
-@example(r"\A" + ".*" * 6 + r"x\Z")
-@example(r"\A" + ".*" * 4 + r"x\Z")
-@example(r"\A" + "[ab]*" * 3 + r"[^a]\Z")
-@example("|".join([r"\A.*.*.*x\Z"] * 4000))
-@example("|".join([r"\A/a.*b\Z"] * 4000))
-@example("(?:a|" * 400 + "b" + ")" * 400)
-@example("(" * 5000)
-@example("(?:a?){6}" * 2 + "x")
-@example("(a*)*b")
-@example("[\\0-\\U0010ffff]" * 3000)
-@example("a{1000}{1000}{1000}b")
-@example("(?:(?:){65000}){65000}x")
 def test_any_pattern_is_cheap_or_refused(text):
+    check_cost(text)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(hostile_inputs.FILTERS)))
+def test_a_costly_pattern_is_refused(number):
+    check_cost(hostile_inputs.FILTERS[number])
+
+
+def check_cost(text):
     """One of the own configuration, too: the names that it is tried with are others'."""
     patterns = []
     with within(0.5):
@@ -268,28 +237,7 @@ def test_any_pattern_is_cheap_or_refused(text):
                 pattern.matches(name)
 
 
-@given(st.lists(texts, max_size=5))
-def test_any_list_of_patterns_is_usable_or_has_a_sentence(items):
-    try:
-        pattern = Pattern.from_items(items, "ignore_topics")
-    except InvalidPattern as problem:
-        assert "ignore_topics" in str(problem)
-    else:
-        pattern.matches("/tf")
-
-
-values = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers()
-    | st.just(10**400)
-    | st.floats()
-    | st.text(max_size=8)
-    | st.binary(max_size=8)
-    | st.datetimes(),
-    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
-    max_leaves=30,
-)
+values = drawn(hostile_inputs.value) | st.just(10**400) | st.datetimes()
 
 
 def nested(depth):
@@ -323,28 +271,8 @@ def test_a_filter_too_big_or_too_deep_is_refused_in_few_words(element):
 # State documents
 
 OURS, THEIRS = OWN.uri, PEER.uri
-HOSTILE = ["", "/", "relative", "/with space", "/with\nnewline", "/\0", "//", "/" + "x" * 1000, "/~", "/ü\u2028"]
 OWN_NODES = {"/camera": "http://own:40001/", "/rosout": "http://own:40002/", "/master_sync": "http://own:40003/"}
-names = st.sampled_from([*HOSTILE, *OWN_NODES, "/talker", "/listener", "/chatter"])
-uris = st.sampled_from(
-    ["http://peer:50001/", "http://peer:50002/", "http://own:40001/", "http://", "", "rosrpc://peer:1", None, 7]
-)
-origins = st.sampled_from([OURS, THEIRS, "http://third:11311/", "", "x"])
-kinds = st.sampled_from(["std_msgs/String", "*", "", "None", "no type\n"])
-locality = st.sampled_from(["local", "remote", "", "LOCAL"])
-endpoints = st.lists(st.tuples(names, st.lists(names, max_size=3)).map(list), max_size=4)
-hostile = st.tuples(
-    st.sampled_from(["1000.0", "nan", "inf", "-1", "x", 10**400]),
-    st.sampled_from(["1000.0", "-inf", ""]),
-    st.just(THEIRS),
-    st.sampled_from(["peer", "", "a\nb"]),
-    endpoints,
-    endpoints,
-    endpoints,
-    st.lists(st.tuples(names, kinds).map(list), max_size=4),
-    st.lists(st.tuples(names, uris, origins, values, locality).map(list), max_size=5),
-    st.lists(st.tuples(names, uris, origins, kinds, locality).map(list), max_size=4),
-).map(list)
+hostile = drawn(hostile_inputs.state, [THEIRS], [*OWN_NODES, "/talker", "/listener", "/chatter"], OWN_NODES.values())
 
 
 @given(values | st.lists(values, min_size=10, max_size=10) | hostile)

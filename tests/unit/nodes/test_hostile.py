@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Hostile schedules against the cores: nothing of a stranger, no change of identity, few connections, losses in time."""
 
+import hostile_inputs
 import pytest
+from drawn import drawn
 from fleet_of_one import ROUTER, TIBI, URI
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -77,16 +79,7 @@ class Fleet:
 
 
 DATAGRAMS = st.tuples(
-    st.floats(2.0, 40.0),
-    st.sampled_from(ADDRESSES),
-    st.sampled_from([11511, 4711]),
-    st.builds(
-        beat,
-        st.sampled_from([Kind.STATE, Kind.REQUEST, Kind.LEAVE]),
-        st.sampled_from([0.0, 0.1, 1.0, 25.5]),
-        st.integers(1, 9),
-        st.sampled_from([11611, 22, 12345]),
-    ),
+    st.floats(2.0, 40.0), st.sampled_from(ADDRESSES), st.sampled_from([11511, 4711]), drawn(hostile_inputs.datagram)
 )
 ANSWERS = [
     None,

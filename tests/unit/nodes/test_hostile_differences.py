@@ -11,7 +11,9 @@ import time
 import xmlrpc.client
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import hostile_inputs
 import pytest
+from drawn import drawn
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosfleet_multimaster.discovery import state_feed
@@ -203,19 +205,12 @@ def test_a_digest_that_never_fits_costs_single_whole_states(following, unhurried
     assert over.empty() and asked <= 4 + 2 * took * RATE / WHOLE  # each whole is followed by one that does not fit
 
 
-texts = st.sampled_from(["/a", "/b", "/own", "/one", "", "x", "/\n", "/" + "x" * 2000])
-values = st.one_of(st.none(), st.integers(-3, 3), texts, st.lists(texts, max_size=2))
-nodes = st.tuples(
-    texts, st.sampled_from(["http://robot2:5000/", "http://own:1/", 7]), st.sampled_from([URI, OWN]), values, values
-)
-tables = st.lists(
-    st.one_of(st.tuples(texts, st.lists(texts, max_size=2)), st.tuples(texts, texts)).map(list), max_size=3
-)
-documents = st.tuples(*[st.just("2.0")] * 2, st.sampled_from([URI, OWN]), texts, *[tables] * 4, st.lists(nodes), tables)
+values = drawn(hostile_inputs.value)
+documents = drawn(hostile_inputs.state, [URI, OWN], ["/a", "/b", "/own", "/one"], ["http://robot2:5000/"])
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.one_of(values, documents.map(list)), st.one_of(values, st.lists(st.lists(values, max_size=2), max_size=4)))
+@given(documents | values, st.lists(st.lists(values, max_size=2), max_size=4) | values)
 def test_any_difference_is_a_state_of_its_master_or_malformed(told_rows, gone):
     try:
         state = Answer(["e", 1, False, told_rows, gone, ""]).state(TRUE)
