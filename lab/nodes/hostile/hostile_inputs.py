@@ -138,21 +138,21 @@ def state(rng, uris, names=(), own=()):
 
     `own`: URIs of nodes of the one that is attacked.
     """
-    every = [*NAMES, *names]
+    names = [*names, "/n"]
     nodes = ["http://peer:50001/", "http://peer:50002/", "http://", "", "rosrpc://peer:1", None, 7, *own]
 
     def name():
-        return rng.choice(every)
+        return rng.choice(names if rng.random() < 0.7 else NAMES)
 
     def rows(*columns):
-        made = [[column() for column in columns] for _row in range(rng.randrange(5))]
-        return made if rng.random() < 0.97 else value(rng)
+        made = [[column() for column in columns] for _row in range(rng.randrange(6))]
+        return made if rng.random() < 0.99 else value(rng)
 
     def users():
         return [name() for _user in range(rng.randrange(4))]
 
     def row():
-        origins = [*uris, "http://third:11311/", "", "x"]
+        origins = [*uris * 3, "http://third:11311/", "", "x"]
         return rows(
             name, lambda: rng.choice(nodes), lambda: rng.choice(origins), lambda: rng.choice([None, "", value(rng)]),
             lambda: rng.choice(["local", "remote", "", "LOCAL"]),
@@ -160,7 +160,7 @@ def state(rng, uris, names=(), own=()):
 
     kinds = ["std_msgs/String", "*", "", "None", "no type\n"]
     stamps = ["1000.0", "2.0", "1000.0", "nan", "inf", "-1", "-inf", "", "x", 10**400]
-    head = [rng.choice(stamps[:3] if rng.random() < 0.8 else stamps) for _stamp in range(2)]
+    head = [rng.choice(stamps[:3] if rng.random() < 0.9 else stamps) for _stamp in range(2)]
     tables = [rows(name, users) for _table in range(3)]
     types = rows(name, lambda: rng.choice(kinds))
     return [*head, rng.choice(uris), rng.choice(["peer", "robot2", "", "a\nb"]), *tables, types, row(), row()]

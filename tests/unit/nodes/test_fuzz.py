@@ -26,7 +26,7 @@ from rosfleet_multimaster.protocol.wire_filters import read_pattern, read_rules,
 from rosfleet_multimaster.sync.core.sync import Candidate, calls, plan, select
 
 slow = settings(
-    deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+    deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
 )
 
 OWN_ADDRESS, PEER_ADDRESS, PORT, RPC = "192.168.1.229", "192.168.1.239", 11511, 11611
