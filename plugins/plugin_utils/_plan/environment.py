@@ -37,6 +37,17 @@ LIBRARIES = {"PYTHONPATH": f"{LIBRARY}/python", "ROS_PACKAGE_PATH": f"{LIBRARY}/
 NAMES = ("ROS_HOSTNAME", "ROS_IP")
 MASTER = "ROS_MASTER_URI"
 
+# What moves nodes, their logs or their sockets: a person may have it, and services of the collection have places of their own.
+OF_PERSONS = (
+    "ROS_NAMESPACE",
+    "ROS_HOME",
+    "ROS_LOG_DIR",
+    "ROS_IPV6",
+    "ROS_PYTHON_LOG_CONFIG_FILE",
+    "ROSCONSOLE_CONFIG_FILE",
+    "ROSCONSOLE_FORMAT",
+)
+
 UNIT_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 # Without SetEnv, sshd gives root a PATH of its own. This one has the folders of both, as in Ubuntu.
 SSH_PATH = f"{UNIT_PATH}:/usr/local/games:/usr/games"
@@ -187,7 +198,12 @@ def _list_setenv(sshd: Mapping[str, Any], match: bool) -> list[Mapping[str, Any]
 
 def render_units(environment: Environment) -> str:
     """Render the file for systemd (systemd.exec(5), EnvironmentFile=): whole values, without expansion."""
-    return _HEADER + "".join(f"{name}={_quote(value)}\n" for name, value in values(environment).items())
+    return _HEADER + "".join(f"{name}={_quote(value)}\n" for name, value in list_for_services(environment).items())
+
+
+def list_for_services(environment: Environment) -> dict[str, str]:
+    """Return the variables that services get: a namespace of a person would move discovery, which others look for by its name."""
+    return {name: value for name, value in values(environment).items() if name not in OF_PERSONS}
 
 
 def values(environment: Environment, path: str = UNIT_PATH) -> dict[str, str]:

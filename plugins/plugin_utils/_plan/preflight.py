@@ -221,7 +221,7 @@ def _list_environment(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[st
     chosen = (info.get("ros") or {}).get("chosen")
     if info.get("owned") or not chosen:
         return {}
-    return environment.values(environment.merge(chosen["environment"], plan.environment))
+    return environment.list_for_services(environment.merge(chosen["environment"], plan.environment))
 
 
 def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], nodes: providers.Installation) -> ComputerPlan:

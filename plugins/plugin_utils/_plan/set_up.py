@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from .._base.plain_text import quote
+from .environment import OF_PERSONS
 
 
 def list_warnings(host: str, chosen: Mapping[str, Any], shells: str = "all") -> Iterator[str]:
@@ -47,4 +48,9 @@ def list_warnings(host: str, chosen: Mapping[str, Any], shells: str = "all") -> 
         yield (
             f"{host}: the set-up file {setup} sets {', '.join(map(quote, chosen['left_out']))}, which nobody gets; expected variables of ROS, and "
             'absolute folders without ; $ " and \\ in lists: set what makes programs run other code than their own where it is needed, and there alone.'
+        )
+    if moved := [name for name in OF_PERSONS if name in variables]:
+        yield (
+            f"{host}: the set-up file {setup} sets {', '.join(moved)}, which the services of the collection do not get, and persons do; expected the "
+            "ones of their units there: nothing is to be done."
         )

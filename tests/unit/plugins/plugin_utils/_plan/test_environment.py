@@ -111,6 +111,16 @@ def test_units_file():
     ]
 
 
+def test_a_namespace_and_folders_of_a_person_reach_persons_and_no_service():
+    moving = dict.fromkeys(environment_module.OF_PERSONS, "/home/robot")
+    files = rendered(environment_module.merge({**NOETIC, **moving}, OURS))
+    seen = sourced(files[environment_module.PROFILE])
+    assert set(moving) <= set(seen)
+    assert files["/etc/rosfleet-multimaster/environment"] == environment_module.render_units(
+        environment_module.merge(NOETIC, OURS)
+    )
+
+
 @pytest.mark.parametrize("shell", ["sh", "bash"])
 def test_profile_adds_in_front_and_only_once(shell):
     profile = rendered(environment_module.merge(NOETIC, OURS))[environment_module.PROFILE]

@@ -50,3 +50,9 @@ def test_names():
     assert 'sets "MODEL", which root does not get' in text
     (text,) = said(left_out=["LD_PRELOAD", "PATH (./bin)"])
     assert 'sets LD_PRELOAD, "PATH (./bin)", which nobody gets' in text
+
+
+def test_what_moves_nodes_is_told_in_one_line():
+    moving = {"ROS_NAMESPACE": "robot1", "ROS_LOG_DIR": "/home/robot/logs"}
+    (text,) = said(environment=moving, for_root=moving)
+    assert mentions(text, "ROS_NAMESPACE, ROS_LOG_DIR", "persons")
