@@ -589,11 +589,13 @@ parameters:
   type: dict
   sample: {nodes: [master_discovery, master_sync], differing: [{node: master_discovery, name: mcast_port, expected: '11511',
           found: '11512'}], crossing: [{name: /robot_description, digest: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9}],
-      error: ''}
+      simulated: false, error: ''}
   contains:
     nodes: {description: The nodes whose parameters were compared., returned: always, type: list, elements: str}
     differing: {description: The parameters with another value than planned., returned: always, type: list, elements: dict}
     crossing: {description: The parameters of O(crossing)., returned: always, type: list, elements: dict}
+    simulated: {description: 'Whether C(/use_sim_time) is true, so that nodes take their time from C(/clock).', returned: always,
+        type: bool}
     error: {description: 'Why they could not be read, or empty.', returned: always, type: str}
 clock:
   description: The clock of this computer.

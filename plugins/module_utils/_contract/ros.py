@@ -259,6 +259,7 @@ class NodeParameters(Struct):
     )
     differing: typing.Tuple[ParameterDifference, ...] = field("The parameters with another value than planned.")
     crossing: typing.Tuple[CrossingParameter, ...] = field("The parameters of O(crossing).")
+    simulated: bool = field("Whether C(/use_sim_time) is true, so that nodes take their time from C(/clock).", False)
     error: str = field("Why they could not be read, or empty.", "")
 
 

@@ -12,6 +12,7 @@ from ..._contract.ros import CrossingParameter, NodeParameters, ParameterDiffere
 from ..ros_client.ros import Ros
 
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
+SIM_TIME = "/use_sim_time"
 MOST = 50  # parameters that are told
 LONGEST = 200  # characters of a value: they are for people
 # The same nodes of fkie_mas, where somebody has started them by hand.
@@ -39,10 +40,16 @@ def parameters(
             found["nodes"].append(node)
             found["differing"] += compare(node, wanted, there)
     try:
+        found["simulated"] = _is_simulated(ros)
         found["crossing"] = [CrossingParameter(name, digest=_read_digest(ros, name)).plain() for name in crossing]
     except OSError as problem:
         found["error"] = str(problem)
     return found
+
+
+def _is_simulated(ros: Ros) -> bool:
+    """Return True if nodes of this roscore take their time from /clock. Raises OSError where the roscore does not answer."""
+    return bool(ros.ask("hasParam", SIM_TIME)) and ros.ask("getParam", SIM_TIME) is True
 
 
 def _read_digest(ros: Ros, name: str) -> str:

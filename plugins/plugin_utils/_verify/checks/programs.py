@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks of the programs on a computer: their parameters, their room to write, their limits, and names in containers."""
+"""Checks of the programs on a computer: their parameters, their time, their room to write, their limits, and names in containers."""
 
 from __future__ import annotations
 
 from ..._base.sentences import shorten_list
-from ..context.case import Case
+from ..context.case import Case, Participant
 from ..context.needs import Parts, join_parts, make_parts
-from ..observe.observations import ContainerNames, Disk, FileLimit, ParameterDifference
+from ..observe.observations import ContainerNames, Disk, FileLimit, ParameterDifference, Probe
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 # The parameters of the nodes
@@ -53,6 +53,41 @@ def _judge_parameters(case: Case) -> Judgement:
     expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing) or "the parameters of the plan"
     found = "; ".join(f"{entry.name} of {entry.node} is {entry.found}" for entry in differing)
     return judge_fault(FAILED, expected, found, "the same", join_parts(_parameter_part(case, one) for one in differing))
+
+
+# Simulated time
+
+CLOCK = "/clock"
+
+
+def _list_masters(case: Case) -> list[Participant]:
+    """List the computers whose roscores were asked."""
+    return [one for one in case.run.values() if one.plan.is_master and one.is_probed and not one.probe.roscore.error]
+
+
+def _list_clocks(probe: Probe) -> list[str]:
+    """List the nodes that publish /clock, as far as the roscore knows them, those of other robots too."""
+    tables = (probe.exchange.topics, *(entry.topics for entry in probe.exchange.imports))
+    return [node for table in tables for topic in table if topic.name == CLOCK for node in topic.publishers]
+
+
+@Check(
+    title="all robots have the same kind of time",
+    when=lambda case: case.observer.plan.is_master and case.probe.parameters.simulated,
+)
+def _judge_simulated_time(case: Case) -> Judgement:
+    name, clocks = case.observer.name, _list_clocks(case.probe)
+    real = sorted(one.plan.robot for one in _list_masters(case) if not one.probe.parameters.simulated)
+    parts: Parts = frozenset()
+    found = []
+    if real:
+        found.append(f"/use_sim_time is true here, and not at the roscore of {shorten_list(real)}")
+        source = f"; its /clock comes from {shorten_list(clocks)}" if clocks else ""
+        parts |= make_parts("time", name, "simulated", what=f"{shorten_list(real)}{source}")
+    if not clocks and not case.probe.exchange.error:
+        found.append("/use_sim_time is true here, and no node publishes /clock")
+        parts |= make_parts("time", name, "stopped")
+    return judge_fault(WARNING, "/use_sim_time alike on all robots, and a /clock", "; ".join(found), "so", parts)
 
 
 # Room

@@ -778,6 +778,21 @@ FAULTS: Mapping[tuple[str, str], Fault] = {
         what="see multimaster_exports",
         read=ALWAYS,
     ),
+    ("time", "simulated"): Fault(
+        "the nodes of {place} have simulated time, and those of other robots do not: {what}; so each takes the messages and tf of the other for "
+        "very old or from the future",
+        "rosparam set /use_sim_time on all robots to the same value, before their nodes start, or leave /clock and what the simulation publishes "
+        "out by multimaster_exports or multimaster_filters; see",
+        "on {place}: rosparam get /use_sim_time; rostopic info /clock",
+        what="see /use_sim_time",
+        read=ALWAYS,
+    ),
+    ("time", "stopped"): Fault(
+        "the nodes of {place} wait for a simulated time that does not come: /use_sim_time is true, and nobody publishes /clock",
+        "start the simulation, or rosbag play --clock; without one, on {place}: rosparam set /use_sim_time false; then start the nodes again",
+        "on {place}: rosparam get /use_sim_time; rostopic info /clock",
+        read=ALWAYS,
+    ),
     ("relay", "lacking"): Fault(
         "the relay does not take across between {place}: {what}",
         "see the log of both relays: it names a robot that does not answer, and a topic that cannot be had",

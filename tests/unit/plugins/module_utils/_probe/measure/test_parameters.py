@@ -13,12 +13,14 @@ PLANNED = {
 
 
 class Told:
-    """A roscore that answers getParam."""
+    """A roscore that answers getParam and hasParam."""
 
     def __init__(self, values):
         self.values = values
 
     def ask(self, method, name):
+        if method == "hasParam":
+            return name in self.values
         if name not in self.values:
             raise OSError(f"http://127.0.0.1:11311: {method}: Parameter [{name}] is not set")
         return self.values[name]
@@ -31,7 +33,19 @@ def test_what_is_as_planned():
     }
     del there["/master_discovery"]["exports"]  # None is not set
     found = parameters.parameters(Told(there), PLANNED)
-    assert found == {"nodes": ["master_discovery", "master_sync"], "differing": [], "crossing": [], "error": ""}
+    assert found == {
+        "nodes": ["master_discovery", "master_sync"],
+        "differing": [],
+        "crossing": [],
+        "simulated": False,
+        "error": "",
+    }
+
+
+@pytest.mark.parametrize(("value", "simulated"), [(True, True), (False, False), ("true", False), (None, False)])
+def test_simulated_time_is_told(value, simulated):
+    told = Told({} if value is None else {"/use_sim_time": value})
+    assert parameters.parameters(told, None)["simulated"] is simulated
 
 
 def test_what_differs_and_what_is_not_there():

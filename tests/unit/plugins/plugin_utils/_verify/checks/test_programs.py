@@ -11,6 +11,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     FileLimit,
     NodeParameters,
     ParameterDifference,
+    RegisteredTopic,
 )
 from fleets import ONE, TWO, assert_told, diagnosed, evaluate, notable, of, parts, update
 
@@ -102,3 +103,27 @@ def test_a_unit_with_many_files_is_told_with_its_command():
     assert found.command.endswith("systemctl restart robot.service")
     (strange,) = diagnosed(_limit("../x.service")).findings
     assert not strange.command
+
+
+def _simulate(seen, *computers, clock=("/gazebo",)):
+    for name in computers:
+        probe = seen[name].probe
+        topics = (*probe.exchange.topics, RegisteredTopic("/clock", "", clock))  # without a type, it does not cross
+        update(probe.exchange, topics=topics if clock else probe.exchange.topics)
+        update(probe, parameters=NodeParameters(BOTH, simulated=True))
+
+
+def test_simulated_time_on_one_robot_alone_is_one_warning_with_both_names():
+    told = diagnosed(lambda seen: _simulate(seen, ONE))
+    assert parts(told) == [("time", ONE, "simulated")]
+    sentence = told.findings[0].sentence()
+    assert ONE in sentence and "kobuki2" in sentence and "/gazebo" in sentence
+
+
+def test_where_all_robots_are_simulated_all_is_well():
+    assert not notable(evaluate(lambda seen: _simulate(seen, ONE, TWO)))
+
+
+def test_a_clock_that_nobody_publishes_is_named():
+    told = diagnosed(lambda seen: _simulate(seen, ONE, TWO, clock=()))
+    assert {(part[0], part[2]) for part in parts(told)} == {("time", "stopped")}
