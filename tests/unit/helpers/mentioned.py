@@ -7,11 +7,11 @@ import re
 
 
 def mentions(told, *facts):
-    """Return True if a sentence names all these facts, or, of several sentences, one of them does.
+    """Return True if a sentence names all these facts, or, of several sentences or lines, one of them does.
 
     A name within a longer one is another name: "kobuki1" is not in "kobuki1computer".
     """
     assert facts
-    sentences = [told] if isinstance(told, str) else list(told)
+    sentences = told.splitlines() if isinstance(told, str) else list(told)
     words = [re.compile(rf"(?<![\w-]){re.escape(str(fact))}(?!\w)") for fact in facts]
     return any(all(word.search(sentence) for word in words) for sentence in sentences)
