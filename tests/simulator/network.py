@@ -150,9 +150,9 @@ class Network:
         machine = self.world.machines[computer]
         chosen = machine.route(Packet("icmp", address))
         if chosen is None or chosen.kind in NO_WAY:
-            return seen.Route(error="Network is unreachable")
+            return seen.TargetRoute(error="Network is unreachable")
         source, gateway = machine.source(chosen, address), chosen.gateway
-        return seen.Route(chosen.device, str(source) if source else None, str(gateway) if gateway else None)
+        return seen.TargetRoute(chosen.device, str(source) if source else None, str(gateway) if gateway else None)
 
     def members_seen(self, computer, by_name):
         """Every member, as multimaster_verify looks at it."""
@@ -369,7 +369,7 @@ class Network:
     def _datagrams(self, own, other, runs):
         """The datagrams between two computers; `runs`: the other one's helper does."""
         together = own.multicast and other.multicast
-        entry = seen.Datagrams(other.name, str(other.discovery_address), together)
+        entry = seen.DatagramCounts(other.name, str(other.discovery_address), together)
         if not runs:
             return entry
         port = self.fleet.multicast_port
@@ -425,7 +425,7 @@ class Network:
                 way = self.trace(name, packet)
                 if way.ok and way.where == own.name:
                     found[str(way.packet.source)] = found.get(str(way.packet.source), 0) + TRIES
-        return tuple(seen.Caller(address, count) for address, count in sorted(found.items()))
+        return tuple(seen.LocalCaller(address, count) for address, count in sorted(found.items()))
 
     def _rounds(self, own):
         """The pings of the group of all hosts on the own network."""

@@ -97,7 +97,7 @@ def _network(network, name, by_name):
 def _router(network, name):
     return seen.Probe(
         **_network(network, name, by_name=False),
-        roscore=seen.Roscore(error="not looked at"),
+        roscore=seen.RoscoreAnswer(error="not looked at"),
         ros_missing="not looked at",
         exchange=seen.Exchange(error="not looked at"),
     )
@@ -114,14 +114,14 @@ def _probe(state, network, ros, name, started):
     return seen.Probe(
         **_network(network, name, by_name=True),
         masters=ros.masters_seen(name),
-        roscore=seen.Roscore(uri, "" if error else ros.uri(robot), error, outcome),
-        list_masters=seen.ListMasters(error=missing) if missing else ros.list_masters(name),
+        roscore=seen.RoscoreAnswer(uri, "" if error else ros.uri(robot), error, outcome),
+        list_masters=seen.MasterList(error=missing) if missing else ros.list_masters(name),
         topics=ros.topics(name, started),
         outsiders=ros.outsiders(name),
         sources=ros.sources(name) if plan.is_master else (),
         exchange=ros.exchange(name) if plan.is_master else seen.Exchange(error="not looked at"),
         parameters=ros.parameters(name) if plan.is_master else seen.NodeParameters(),
-        clock=seen.Clock(name not in state.undisciplined),
+        clock=seen.ClockState(name not in state.undisciplined),
         disks=(seen.Disk("/var/log", 0 if name in state.full else 10**9, 10**6),),
         services=tuple(_service(state, name, service) for service in _services(plan)),
         talker=seen.Talker(talks, "" if talks else missing or "ERROR: Unable to communicate with master!"),
@@ -142,5 +142,7 @@ def _service(state, name, service):
     differing = () if service not in ("roscore", "discovery", "sync") else state.differing.get(name, ())
     active, sub = ("failed", "failed") if dead else ("active", "running")
     if name in state.bare:
-        return seen.Service(service, f"multimaster-{service}.service", "not-found", "inactive", "dead", 0)
-    return seen.Service(service, f"multimaster-{service}.service", "loaded", active, sub, 0, () if dead else differing)
+        return seen.ServiceState(service, f"multimaster-{service}.service", "not-found", "inactive", "dead", 0)
+    return seen.ServiceState(
+        service, f"multimaster-{service}.service", "loaded", active, sub, 0, () if dead else differing
+    )

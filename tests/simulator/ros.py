@@ -142,9 +142,9 @@ class Ros:
         uri, known = self.uri(source), self.known[source]
         if self.fleet.belonging.strangers == "ignore" and self._bundled(target):
             if address not in known.addresses:
-                return seen.Outsider(str(address), master.name, uri, "it is not at its planned address")
+                return seen.IgnoredSender(str(address), master.name, uri, "it is not at its planned address")
             if uri.rstrip("/") not in {one.rstrip("/") for one in known.uris}:
-                return seen.Outsider(str(address), master.name, uri, "its master has another URI than planned")
+                return seen.IgnoredSender(str(address), master.name, uri, "its master has another URI than planned")
         return seen.ListedMaster(master.name, uri, True, f"http://{address}:{master.rpc_port}")
 
     def _bundled(self, robot):
@@ -165,10 +165,10 @@ class Ros:
         ):
             return ()
         entries = [self.lists(robot, other) for other in self.state.robots]
-        found = [entry for entry in entries if isinstance(entry, seen.Outsider)]
+        found = [entry for entry in entries if isinstance(entry, seen.IgnoredSender)]
         strangers = self.state.strangers if self.fleet.belonging.strangers == "ignore" else ()
         found += [
-            seen.Outsider(address, "stranger", "http://stranger:11311/", "it is not in the inventory")
+            seen.IgnoredSender(address, "stranger", "http://stranger:11311/", "it is not in the inventory")
             for address in strangers
         ]
         return tuple(found)
@@ -177,18 +177,18 @@ class Ros:
         """The answer of `rosservice call /master_discovery/list_masters`."""
         error, robot, _large = self.asks(computer)
         if error:
-            return seen.ListMasters(error="ERROR: Unable to communicate with master!", seconds=10.0)
+            return seen.MasterList(error="ERROR: Unable to communicate with master!", seconds=10.0)
         its, master = self.state.robots[robot], self.state.master(robot)
         if its.discovery == DEAD:
-            return seen.ListMasters(
+            return seen.MasterList(
                 error="ERROR: Service [/master_discovery/list_masters] is not available.", seconds=10.0
             )
         error, machine, _address = self.reach(computer, self.started_as(master), NODES)
         if error or machine != master:
-            return seen.ListMasters(error="ERROR: Unable to communicate with service [/master_discovery/list_masters]")
+            return seen.MasterList(error="ERROR: Unable to communicate with service [/master_discovery/list_masters]")
         if its.discovery == HUNG:
-            return seen.ListMasters(error="rosservice printed nothing within 10 s", seconds=10.0)
-        return seen.ListMasters(self.listed(robot), 0.7)
+            return seen.MasterList(error="rosservice printed nothing within 10 s", seconds=10.0)
+        return seen.MasterList(self.listed(robot), 0.7)
 
     def masters_seen(self, computer):
         """The discovery node of every master, as multimaster_verify looks at it."""
@@ -280,7 +280,7 @@ class Ros:
             return seen.HeardTopic(name, topic, error=told if large else f"{uri}: no whole answer within 5 s")
         problem, machine, _address = self.reach(computer, host, NODES)
         heard = not problem and machine == name
-        publisher = seen.Publisher(talker_of(name), f"http://{host}:{NODES}/")
+        publisher = seen.TopicPublisher(talker_of(name), f"http://{host}:{NODES}/")
         publishers = (publisher,) if large or heard else ()
         if heard:
             return seen.HeardTopic(name, topic, publishers, heard=True, text=f"run {name}", seconds=0.2)
@@ -344,7 +344,9 @@ class Ros:
                 computer, other
             ):
                 host = self.state.master(other)
-                connections.append(seen.Connection(f"/{robot}/base", "/chatter", "in", f"/{other}/talker", host, other))
+                connections.append(
+                    seen.NodeConnection(f"/{robot}/base", "/chatter", "in", f"/{other}/talker", host, other)
+                )
         return seen.Exchange(
             topics=tuple(topics),
             services=tuple(self.node_services(robot)),
@@ -378,11 +380,11 @@ class Ros:
         error, machine = self.network.connect(computer, master.address, master.rpc_port)
         its = self.state.robots[master.robot]
         if error or machine != master.computer or its.discovery != RUNS or not self.works(master.robot):
-            return seen.Source(master.computer, topics, error=error or "timed out", outcome=Outcome.NO_ANSWER)
+            return seen.GivenTopics(master.computer, topics, error=error or "timed out", outcome=Outcome.NO_ANSWER)
         if computer != master.computer and not self._large(machine, computer, master.address):
-            return seen.Source(master.computer, topics, error="timed out", outcome=Outcome.NO_ANSWER)
+            return seen.GivenTopics(master.computer, topics, error="timed out", outcome=Outcome.NO_ANSWER)
         has = set(map(topic_of, self.talkers(master.robot)))
-        return seen.Source(master.computer, topics, tuple(sorted(has & set(topics))), outcome=Outcome.ANSWERED)
+        return seen.GivenTopics(master.computer, topics, tuple(sorted(has & set(topics))), outcome=Outcome.ANSWERED)
 
     @staticmethod
     def _hung(its):

@@ -10,9 +10,9 @@ from .fields import Struct
 
 #: module -> the parts of its answer; each key is a field of one of them
 ANSWERS: typing.Mapping[str, typing.Tuple[typing.Type[Struct], ...]] = {
-    "multimaster_verify": (verify.Probe, verify.Streams, verify.Run),
+    "multimaster_verify": (verify.Probe, verify.Streams, verify.VerifyAnswer),
     "multicast_verify": (multicast.Multicast,),
-    "multimaster_info": (machine.Machine,),
-    "multimaster_watch": (watch.Watch,),
-    "multimaster_follow": (trace.SentProbes, trace.SeenPackets, trace.Run),
+    "multimaster_info": (machine.MachineFacts,),
+    "multimaster_watch": (watch.WatchedEvents,),
+    "multimaster_follow": (trace.SentProbes, trace.SeenPackets, trace.TraceAnswer),
 }

@@ -20,7 +20,7 @@ class TimeSource(Struct):
     )
 
 
-class Clock(Struct):
+class ClockState(Struct):
     """The clock of the computer; None where its state is unknown."""
 
     synchronised: typing.Optional[bool] = field(

@@ -8,7 +8,7 @@ import typing
 from .fields import Struct, field
 
 
-class Refusal(Struct):
+class RefusedName(Struct):
     """A name of another robot that a sync node refuses, and why."""
 
     name: str = field("The name of the node, service, topic or parameter.", "/odom_pub", needed=True)
@@ -25,7 +25,7 @@ class Refusal(Struct):
     here: str = field("The same here, or the objection.", "it is on this computer itself")
 
 
-class Service(Struct):
+class ServiceState(Struct):
     """A systemd service of the collection; `differing` is None where its process cannot be looked at."""
 
     name: str = field("The service.", "discovery", needed=True)
@@ -53,7 +53,7 @@ class Service(Struct):
     refused: typing.Tuple[str, ...] = field(
         "The names of other robots that this service refuses, as master_sync tells systemd.", []
     )
-    refusals: typing.Tuple[Refusal, ...] = field(
+    refusals: typing.Tuple[RefusedName, ...] = field(
         "The same names with the reasons, 50 at most; a master_sync of an older release tells none."
     )
     age_s: typing.Optional[float] = field(
@@ -92,7 +92,7 @@ class BootDeviation(Struct):
     )
 
 
-class Change(Struct):
+class RecentChange(Struct):
     """A file that was changed, or a service that was started, and when."""
 
     about: str = field(

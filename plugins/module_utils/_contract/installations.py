@@ -77,7 +77,7 @@ class RosInstallation(Struct):
     problem: str = field("One sentence about what is wrong with this installation, or empty.", "")
 
 
-class Ros(Struct):
+class RosFacts(Struct):
     """ROS 1 on a machine."""
 
     problem: str = field(
@@ -111,7 +111,7 @@ class DiscoveredMaster(Struct):
     monitoruri: str = field("Where its discovery node answers.", "http://192.168.1.239:11611")
 
 
-class DiscoveryNode(Struct):
+class RegisteredDiscovery(Struct):
     """A discovery node that is registered with a roscore."""
 
     node: str = field("The name of the node.", "/master_discovery")
@@ -143,7 +143,7 @@ class SyncImport(Struct):
     services: int = field("How many of its services.", 8)
 
 
-class SyncNode(Struct):
+class RegisteredSync(Struct):
     """A sync node that is registered with a roscore."""
 
     node: str = field("The name of the node.", "/master_sync")
@@ -172,10 +172,10 @@ class RunningMaster(Struct):
     nodes: int = field("How many nodes are registered with a topic or a service, those of other robots included.", 7)
     topics: int = field("How many topics have a publisher or a subscriber.", 12)
     services: int = field("How many services are registered.", 30)
-    discovery: typing.Tuple[DiscoveryNode, ...] = field(
+    discovery: typing.Tuple[RegisteredDiscovery, ...] = field(
         "The robot's own discovery nodes, known by a service C(list_masters) in any namespace; eight at most."
     )
-    sync: typing.Tuple[SyncNode, ...] = field(
+    sync: typing.Tuple[RegisteredSync, ...] = field(
         "The robot's own sync nodes, known by a service C(get_sync_info) in any namespace; eight at most."
     )
     error: str = field(

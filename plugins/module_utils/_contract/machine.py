@@ -7,7 +7,7 @@ import typing
 
 from .clock import TimeSource
 from .fields import Struct, field
-from .installations import Ros, RunningMaster
+from .installations import RosFacts, RunningMaster
 from .network import FilterChains, ForwardingSettings
 
 
@@ -37,7 +37,7 @@ class InterfaceAddress(Struct):
     family: str = field("V(inet) for IPv4, V(inet6) for IPv6.", "inet")
 
 
-class Interface(Struct):
+class InterfaceFacts(Struct):
     """A network interface of a machine."""
 
     name: str = field("The name of the interface.", "eth0")
@@ -56,7 +56,7 @@ class Interface(Struct):
     addresses: typing.Tuple[InterfaceAddress, ...] = field("Its addresses.")
 
 
-class Way(Struct):
+class LookedUpRoute(Struct):
     """The route that the kernel would take to an address."""
 
     destination: str = field("The address that was asked for.", "192.168.10.1")
@@ -105,7 +105,7 @@ class Routing(Struct):
     tables: typing.Tuple[RoutingTable, ...] = field("The other tables to which the rules lead, 32 at most.")
 
 
-class MulticastRouting(Struct):
+class MulticastRouter(Struct):
     """The program that passes multicast on between the interfaces of a machine."""
 
     smcrouted: str = field("The program of smcroute, empty where it is not installed.", "/usr/sbin/smcrouted")
@@ -145,7 +145,7 @@ class PortHolder(Struct):
     )
 
 
-class Export(Struct):
+class ExportLine(Struct):
     """A line of somebody else that sets a variable of ROS for shells."""
 
     file: str = field("The file.", "/home/robot/.bashrc")
@@ -224,7 +224,7 @@ class TimeServices(Struct):
     )
 
 
-class Machine(Struct):
+class MachineFacts(Struct):
     """The answer of multimaster_info."""
 
     hostname: str = field(
@@ -241,8 +241,10 @@ class Machine(Struct):
         ["files-nodes", "hosts_entries", "services-multimaster", "sysctl"],
         returned="with the part V(owned)",
     )
-    interfaces: typing.Tuple[Interface, ...] = field("The network interfaces.", returned="with the part V(interfaces)")
-    ways: typing.Tuple[Way, ...] = field(
+    interfaces: typing.Tuple[InterfaceFacts, ...] = field(
+        "The network interfaces.", returned="with the part V(interfaces)"
+    )
+    ways: typing.Tuple[LookedUpRoute, ...] = field(
         "The routes that the kernel would take to O(destinations).", returned="with the part V(ways)"
     )
     routing: Routing = field(
@@ -255,12 +257,12 @@ class Machine(Struct):
         "The packet filter of nftables, also what iptables has made of it, as far as it can be read simply.",
         returned="with the part V(filters)",
     )
-    multicast_routing: MulticastRouting = field(
+    multicast_routing: MulticastRouter = field(
         "What passes multicast on between interfaces.", returned="with the part V(multicast_routing)"
     )
     clock: TimeServices = field("The time services of this machine.", returned="with the part V(clock)")
     tunnel: TunnelSupport = field("What a tunnel of WireGuard needs.", returned="with the part V(tunnel)")
-    ros: Ros = field("ROS 1 on this machine.", returned="with the part V(ros)")
+    ros: RosFacts = field("ROS 1 on this machine.", returned="with the part V(ros)")
     folders: typing.Tuple[str, ...] = field(
         "Those of O(folders) that are there, and are folders.",
         ["/var/lib/prometheus/node-exporter"],
@@ -279,7 +281,7 @@ class Machine(Struct):
         "seconds. What others tell is plain text of at most 200 characters.",
         returned="with the part V(masters)",
     )
-    exports: typing.Tuple[Export, ...] = field(
+    exports: typing.Tuple[ExportLine, ...] = field(
         "Assignments of ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME in the files that shells read, other than the collection's.",
         returned="with the part V(exports)",
     )

@@ -23,7 +23,7 @@ class GroupRoute(Struct):
     source: typing.Optional[str] = field("The source address, or null when there is no route.", "192.168.1.229")
 
 
-class Datagrams(Struct):
+class DatagramCounts(Struct):
     """The datagrams between the computer and another computer; None where no count came back."""
 
     name: str = field("The name of the other computer.", "kobuki2computer", needed=True)
@@ -65,7 +65,7 @@ class Datagrams(Struct):
     )
 
 
-class Membership(Struct):
+class GroupMembership(Struct):
     """A multicast group that programs of the computer have joined on an interface; the measurement does not count."""
 
     interface: str = field("The name of the interface.", "eth0", needed=True)
@@ -87,7 +87,7 @@ class Stranger(Struct):
     datagrams: int = field("How many arrived since this computer's helper was started.", 3)
 
 
-class Caller(Struct):
+class LocalCaller(Struct):
     """An address from which empty datagrams came to the computer itself."""
 
     address: str = field("The source address.", "192.168.11.100", needed=True)
@@ -130,17 +130,17 @@ class SendErrors(Struct):
 class Multicast(Struct, returned="when O(action=collect)"):
     """The answer of multicast_verify."""
 
-    memberships: typing.Tuple[Membership, ...] = field(
+    memberships: typing.Tuple[GroupMembership, ...] = field(
         "The multicast groups of every interface, from C(/proc/net/igmp) and C(/proc/net/igmp6), without the helper's own membership.",
         returned="always",
     )
-    udp: typing.Tuple[Datagrams, ...] = field(
+    udp: typing.Tuple[DatagramCounts, ...] = field(
         "For every other computer, what UDP datagrams on the group and port showed."
     )
     unexpected: typing.Tuple[Stranger, ...] = field(
         "Sources of datagrams on the group and port that are no computers of the fleet."
     )
-    callers: typing.Tuple[Caller, ...] = field(
+    callers: typing.Tuple[LocalCaller, ...] = field(
         "Who has sent empty datagrams to O(port) of this computer itself since the helper was started. A computer that has sent some "
         "and is not among them is seen from another address, or its datagrams are dropped."
     )

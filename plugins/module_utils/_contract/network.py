@@ -9,7 +9,7 @@ from .fields import Struct, field
 from .outcomes import Outcome
 
 
-class Route(Struct):
+class TargetRoute(Struct):
     """The route that the kernel takes to an address."""
 
     device: typing.Optional[str] = field("The interface, or null without a route.", "eth0")
@@ -51,10 +51,10 @@ class SeenMember(Struct):
         "The addresses that its name has in C(/etc/hosts).", ["192.168.1.239"]
     )
     resolve_error: str = field("Why the name has none, or empty.", "")
-    route: typing.Optional[Route] = field(
+    route: typing.Optional[TargetRoute] = field(
         "The route that the kernel takes to the planned address.", returned="for every other computer"
     )
-    discovery_route: typing.Optional[Route] = field(
+    discovery_route: typing.Optional[TargetRoute] = field(
         "The route to RV(members[].name)'s O(members[].discovery_address), as RV(members[].route); null where that is its address.",
         returned="for every other computer",
     )
@@ -131,7 +131,7 @@ class Claim(Struct):
     )
 
 
-class Policy(Struct):
+class PolicyRouting(Struct):
     """Rules and routes beside the main table: lines of `ip rule` and of `ip route show table all`."""
 
     rules: typing.Tuple[str, ...] = field(
@@ -237,7 +237,9 @@ class SeenMaster(Struct):
         "open",
     )
     errno: typing.Optional[int] = field("The number of the error of the kernel here, or null.")
-    route: typing.Optional[Route] = field("The route that the kernel takes to that address, as RV(members[].route).")
+    route: typing.Optional[TargetRoute] = field(
+        "The route that the kernel takes to that address, as RV(members[].route)."
+    )
     roscore: str = field(
         "What the TCP port of its roscore answers, by O(masters[].uri), V(open) or why it does not open; empty where the URI is not "
         "given.",

@@ -9,7 +9,7 @@ from .fields import Struct, field
 from .outcomes import Outcome
 
 
-class Roscore(Struct):
+class RoscoreAnswer(Struct):
     """The answer of the roscore that ROS_MASTER_URI names."""
 
     uri: str = field("C(ROS_MASTER_URI) in O(environment_file).", "http://kobuki1computer:11311")
@@ -30,7 +30,7 @@ class ListedMaster(Struct):
     monitoruri: str = field("Where its discovery node answers.", "http://192.168.1.229:11611")
 
 
-class ListMasters(Struct):
+class MasterList(Struct):
     """The answer of `rosservice call /master_discovery/list_masters`."""
 
     masters: typing.Tuple[ListedMaster, ...] = field("The masters.")
@@ -40,7 +40,7 @@ class ListMasters(Struct):
     error: str = field("Why the last call failed, or empty.", "")
 
 
-class Publisher(Struct):
+class TopicPublisher(Struct):
     """A registered publisher of a topic."""
 
     node: str = field(
@@ -54,7 +54,7 @@ class HeardTopic(Struct):
 
     computer: str = field("The computer of the talker.", "kobuki2computer", needed=True)
     topic: str = field("Its topic.", "/multimaster_verify/kobuki2computer", needed=True)
-    publishers: typing.Tuple[Publisher, ...] = field(
+    publishers: typing.Tuple[TopicPublisher, ...] = field(
         "The publishers of the topic as the roscore of this computer's robot knows them, as C(rostopic info) shows."
     )
     reached: str = field(
@@ -76,7 +76,7 @@ class HeardTopic(Struct):
     error: str = field("Why nothing was heard, or empty.", "")
 
 
-class Outsider(Struct):
+class IgnoredSender(Struct):
     """A sender of heartbeats that the computer's discovery node ignores."""
 
     address: str = field("From where it sends.", "192.168.1.66", needed=True)
@@ -85,7 +85,7 @@ class Outsider(Struct):
     why: str = field("Why it is ignored.", "it is no robot of the fleet")
 
 
-class Source(Struct):
+class GivenTopics(Struct):
     """The topics that the discovery node of a master gives, of those that it was asked for."""
 
     computer: str = field("The computer of the discovery node.", "kobuki2computer", needed=True)
@@ -176,7 +176,7 @@ class NodeCount(Struct):
     hosts: typing.Tuple[HostOfNodes, ...] = field("How many announce each host, 100 hosts at most.")
 
 
-class Connection(Struct):
+class NodeConnection(Struct):
     """A connection of an own node with a node of another robot."""
 
     node: str = field("The own node.", "/base", needed=True)
@@ -207,7 +207,7 @@ class Exchange(Struct):
         " another computer, 100 at most."
     )
     nodes: NodeCount = field("The number of the robot's own nodes.")
-    connections: typing.Tuple[Connection, ...] = field(
+    connections: typing.Tuple[NodeConnection, ...] = field(
         "The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo)."
     )
 
@@ -223,7 +223,7 @@ class SentTopic(Struct):
     messages_s: float = field("The messages a second on all of them.", 10.0)
 
 
-class Traffic(Struct):
+class NodeTraffic(Struct):
     """The traffic from the nodes of a robot to nodes of others, measured for some seconds."""
 
     seconds: float = field("The time between the two readings.", 3.0)

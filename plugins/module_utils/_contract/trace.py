@@ -29,7 +29,7 @@ class SentProbe(Struct):
     )
 
 
-class Capture(Struct):
+class CapturedPacket(Struct):
     """A packet at an interface of a computer."""
 
     interface: str = field("The interface.", "eth0", needed=True)
@@ -83,7 +83,7 @@ class SentProbes(Struct, returned="when O(action=send)"):
 class SeenPackets(Struct, returned="when O(action=collect)"):
     """The result of multimaster_follow with `action: collect`."""
 
-    seen: typing.Tuple[Capture, ...] = field(
+    seen: typing.Tuple[CapturedPacket, ...] = field(
         "The packets that came in and went out here, in the order of time, 500 of each protocol at most, and 100 of one sender among "
         "them."
     )
@@ -102,7 +102,7 @@ class SeenPackets(Struct, returned="when O(action=collect)"):
     fixed: typing.Tuple[str, ...] = field("The hardware addresses of neighbours that somebody has set by hand.", [])
 
 
-class Run(Struct):
+class TraceAnswer(Struct):
     """The answer of each action of multimaster_follow."""
 
     msg: str = field("What was done, in a sentence.", "Saw 14 packets.")

@@ -5,21 +5,21 @@
 
 import typing
 
-from .clock import Clock
-from .computer import BootDeviation, Change, ContainerNames, Disk, FileLimit, NodeHost, Service
+from .clock import ClockState
+from .computer import BootDeviation, ContainerNames, Disk, FileLimit, NodeHost, RecentChange, ServiceState
 from .fields import Struct, field
-from .network import Claim, DefaultRoute, ForwardingSettings, Policy, SeenMaster, SeenMember
+from .network import Claim, DefaultRoute, ForwardingSettings, PolicyRouting, SeenMaster, SeenMember
 from .ros import (
     Exchange,
+    GivenTopics,
     HeardTopic,
-    ListMasters,
+    IgnoredSender,
+    MasterList,
     NodeParameters,
-    Outsider,
-    Roscore,
-    Source,
+    NodeTraffic,
+    RoscoreAnswer,
     Stream,
     Talker,
-    Traffic,
 )
 from .tunnel import SeenTunnel
 
@@ -36,7 +36,7 @@ class Probe(Struct, returned="when O(action=collect)"):
         "nothing. The own addresses, for which no other computer is to answer, and those of O(members) and of gateways, for which one "
         "computer is. Empty where the kernel does not allow it, and without an interface of Ethernet."
     )
-    policy: Policy = field("What decides beside the routes of the main table where packets go.")
+    policy: PolicyRouting = field("What decides beside the routes of the main table where packets go.")
     name_sources: typing.Tuple[str, ...] = field(
         "Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty where it "
         "says nothing.",
@@ -47,14 +47,14 @@ class Probe(Struct, returned="when O(action=collect)"):
         "What decides whether packets pass from one network to another through this computer."
     )
     masters: typing.Tuple[SeenMaster, ...] = field("The discovery node of every master.")
-    roscore: Roscore = field("The roscore of this computer's robot.")
-    list_masters: ListMasters = field("What C(rosservice call /master_discovery/list_masters) prints on this computer.")
+    roscore: RoscoreAnswer = field("The roscore of this computer's robot.")
+    list_masters: MasterList = field("What C(rosservice call /master_discovery/list_masters) prints on this computer.")
     topics: typing.Tuple[HeardTopic, ...] = field("What the talkers of the other computers say here.")
-    outsiders: typing.Tuple[Outsider, ...] = field(
+    outsiders: typing.Tuple[IgnoredSender, ...] = field(
         "The senders of heartbeats that the discovery node of this computer ignores, since they do not belong to the fleet. Empty where"
         " the nodes are not the collection's own."
     )
-    sources: typing.Tuple[Source, ...] = field(
+    sources: typing.Tuple[GivenTopics, ...] = field(
         "What discovery nodes have of topics. The own one is asked for all that the roscore has, another one for those of talkers that "
         "are to be heard here and that the own roscore has not. Where O(is_master=false) it is empty."
     )
@@ -62,12 +62,12 @@ class Probe(Struct, returned="when O(action=collect)"):
         "What the roscore of this computer holds, by the robot that it is of, read at the end of the looking. Where O(is_master=false) "
         "it is empty, and RV(exchange.error) says so."
     )
-    traffic: Traffic = field(
+    traffic: NodeTraffic = field(
         "What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters (C(getBusStats)) were read "
         "twice."
     )
     parameters: NodeParameters = field("The parameters of the nodes on the roscore, compared with O(parameters).")
-    clock: Clock = field("The clock of this computer.")
+    clock: ClockState = field("The clock of this computer.")
     tunnel: SeenTunnel = field(
         "The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for."
     )
@@ -85,11 +85,11 @@ class Probe(Struct, returned="when O(action=collect)"):
         "planned, or are stopped, and those of which this cannot be read, 100 at most. A node announces the host of C(ROS_HOSTNAME) or "
         "C(ROS_IP), or else the name of the computer."
     )
-    changes: typing.Tuple[Change, ...] = field(
+    changes: typing.Tuple[RecentChange, ...] = field(
         "When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has"
         " no time."
     )
-    services: typing.Tuple[Service, ...] = field(
+    services: typing.Tuple[ServiceState, ...] = field(
         "The services of O(services).",
         [
             {
@@ -133,7 +133,7 @@ class Streams(Struct, returned="when O(action=stream)"):
     streams: typing.Tuple[Stream, ...] = field("How fast a stream of this computer comes to each of O(talkers).")
 
 
-class Run(Struct):
+class VerifyAnswer(Struct):
     """The further answers of each action of multimaster_verify."""
 
     multicast: typing.Dict[str, typing.Any] = field(

@@ -35,7 +35,7 @@ class Lost(Struct):
     name: str = field("As in RV(events[].name).", "kobuki2computer")
 
 
-class Watch(Struct, returned="when O(action=collect)"):
+class WatchedEvents(Struct, returned="when O(action=collect)"):
     """The answer of multimaster_watch."""
 
     watched: int = field("How many values are watched.", 23)

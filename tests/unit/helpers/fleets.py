@@ -19,40 +19,40 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.conte
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context import ways as ways_module
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
-    Caller,
     Claim,
-    Clock,
-    Connection,
-    Datagrams,
+    ClockState,
+    DatagramCounts,
     DefaultRoute,
     Disk,
     Exchange,
     ForwardingInterface,
     ForwardingSettings,
+    GivenTopics,
+    GroupMembership,
     HeardTopic,
     Icmp,
     IcmpRound,
     Import,
     ListedMaster,
-    ListMasters,
-    Membership,
+    LocalCaller,
+    MasterList,
     Multicast,
+    NodeConnection,
     NodeParameters,
     Observation,
     PacketFilter,
     Ping,
     Probe,
-    Publisher,
     RegisteredService,
     RegisteredTopic,
-    Roscore,
-    Route,
+    RoscoreAnswer,
     SeenMaster,
     SeenMember,
     SendErrors,
-    Service,
-    Source,
+    ServiceState,
     Talker,
+    TargetRoute,
+    TopicPublisher,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 
@@ -171,7 +171,7 @@ def network_part(fleet, own):
                 other.name,
                 str(other.address),
                 addresses=(str(other.address),),
-                route=Route("eth0", source=str(way.source), gateway=str(way.next_hop) if way.next_hop else None),
+                route=TargetRoute("eth0", source=str(way.source), gateway=str(way.next_hop) if way.next_hop else None),
                 discovery_route=_outer_route(fleet, own, other),
                 ping_address=Ping(True, 0.4, outcome=Outcome.ANSWERED),
                 ping_name=Ping(True, 0.4, outcome=Outcome.ANSWERED),
@@ -219,13 +219,13 @@ def _outer_route(fleet, own, other):
         return None
     direct = any(other.discovery_address in entry.network for entry in own.networks)
     hop = None if direct else str(fleet.gateways[own.robot].address)
-    return Route("eth0", source=str(own.address), gateway=hop)
+    return TargetRoute("eth0", source=str(own.address), gateway=hop)
 
 
 def router_probe(fleet, own):
     return Probe(
         **network_part(fleet, own),
-        roscore=Roscore(error="not looked at"),
+        roscore=RoscoreAnswer(error="not looked at"),
         ros_missing="not looked at",
         exchange=Exchange(error="not looked at"),
     )
@@ -235,11 +235,11 @@ def _route_to(fleet, own, master):
     """The route to a discovery node, whose address may be in another network than the robot's."""
     layout = ways_module.Ways(fleet)
     if own.computer == master.computer or any(master.address in entry.network for entry in own.networks):
-        return Route("eth0", source=str(own.address))
+        return TargetRoute("eth0", source=str(own.address))
     behind = (
         layout.gateways[own.robot].address if own.common_address is None else layout.way(own, master.computer).next_hop
     )
-    return Route("eth0", source=str(own.address), gateway=str(behind))
+    return TargetRoute("eth0", source=str(own.address), gateway=str(behind))
 
 
 def good_probe(fleet, me, own):
@@ -264,18 +264,18 @@ def good_probe(fleet, me, own):
             for master in fleet.masters
         ),
         parameters=NodeParameters(("master_discovery", "master_sync")) if own.is_master else NodeParameters(),
-        clock=Clock(True),
+        clock=ClockState(True),
         disks=(Disk("/var/lib", 10**9, 10**6),),
         name_sources=("files", "dns"),
-        roscore=Roscore(uri, uri + "/", outcome=Outcome.ANSWERED),
-        list_masters=ListMasters(
+        roscore=RoscoreAnswer(uri, uri + "/", outcome=Outcome.ANSWERED),
+        list_masters=MasterList(
             tuple(ListedMaster(master.name, master.uri, True, master.monitor_uri) for master in fleet.masters), 0.7
         ),
         topics=tuple(
             HeardTopic(
                 other.name,
                 "/multimaster_verify/" + other.name,
-                publishers=(Publisher("/talker", f"http://{other.name}:41233/"),),
+                publishers=(TopicPublisher("/talker", f"http://{other.name}:41233/"),),
                 heard=True,
                 text="run " + other.name,
                 seconds=0.1,
@@ -285,7 +285,7 @@ def good_probe(fleet, me, own):
             and not (other.robot != me.robot and flows.declares_nothing(other.robot, me.robot))
         ),
         services=tuple(
-            Service(service, f"multimaster-{service}.service", "loaded", "active", "running")
+            ServiceState(service, f"multimaster-{service}.service", "loaded", "active", "running")
             for service in (*own.services, *(("multicast-routing",) if own.multicast_routing else ()))
         ),
         sources=(own_source(fleet, own),) if own.is_master else (),
@@ -299,7 +299,7 @@ def good_multicast(fleet, me, own):
     others = others_of(fleet, me.name)
     return Multicast(
         udp=tuple(
-            Datagrams(
+            DatagramCounts(
                 other.name,
                 str(other.discovery_address),
                 multicast=other.multicast and me.multicast,
@@ -314,12 +314,12 @@ def good_multicast(fleet, me, own):
             if other.discovery
         ),
         callers=tuple(
-            Caller(str(layout.way(plan, me.name).source), 3)
+            LocalCaller(str(layout.way(plan, me.name).source), 3)
             for caller, plan in fleet.computers.items()
             if caller != me.name and not plan.sealed
         ),
         memberships=tuple(
-            Membership(f"eth{number}", str(fleet.multicast_group))
+            GroupMembership(f"eth{number}", str(fleet.multicast_group))
             for number, entry in enumerate(own.networks)
             if entry.network == fleet.common_network
         ),
@@ -360,7 +360,7 @@ def talkers_of(fleet, robot):
 def own_source(fleet, own):
     """Tell what the own discovery node has of the own talkers: all."""
     topics = tuple(f"/multimaster_verify/{name}" for name in talkers_of(fleet, own.robot))
-    return Source(own.computer, topics, topics, outcome=Outcome.ANSWERED)
+    return GivenTopics(own.computer, topics, topics, outcome=Outcome.ANSWERED)
 
 
 def imported(fleet, flows, master, robot):
@@ -401,7 +401,9 @@ def exchange(fleet, robot):
             imports.append(part)
         if any(entry.name == "/chatter" and entry.publishers for entry in part.topics):
             talker = f"/{master.robot}/talker"
-            connections.append(Connection(f"/{robot}/base", "/chatter", "in", talker, master.computer, master.robot))
+            connections.append(
+                NodeConnection(f"/{robot}/base", "/chatter", "in", talker, master.computer, master.robot)
+            )
     for entry in topics:
         update(entry, md5sum=SUMS.get(entry.type, ""))
     return Exchange(topics=topics, services=services, imports=tuple(imports), connections=tuple(connections))

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
-    Capture,
+    CapturedPacket,
     FollowedProbe,
     SecondLook,
     SeenPackets,
@@ -59,7 +59,7 @@ class World:
     route: list[str]
     probe: FollowedProbe
     sent: SentProbe
-    seen: dict[str, list[Capture]] = field(default_factory=lambda: {name: [] for name in NAMES})
+    seen: dict[str, list[CapturedPacket]] = field(default_factory=lambda: {name: [] for name in NAMES})
     macs: dict[str, set[str]] = field(default_factory=lambda: {name: {mac(NUMBERS[name])} for name in NAMES})
     addresses: dict[str, set[str]] = field(default_factory=lambda: {name: {address(NUMBERS[name])} for name in NAMES})
 
@@ -85,7 +85,7 @@ class World:
         tcp, ports = self.probe.protocol == "tcp", 4000 if self.probe.port else 0
         values = {"number": -1 if tcp else 3, "sequence": 77 if tcp else 0, "ttl": 64, "target_mac": target_mac, **more}
         self.seen[name].append(
-            Capture("eth0", outgoing, kind, self.probe.protocol, *ends, ports, self.probe.port, **values)
+            CapturedPacket("eth0", outgoing, kind, self.probe.protocol, *ends, ports, self.probe.port, **values)
         )
 
     def send(self, way, kind, end, at, router):
@@ -94,7 +94,7 @@ class World:
             is_end = number == at
             if is_end and end == "question":
                 ends = address(NUMBERS[one]), address(NUMBERS[other])
-                self.seen[one].append(Capture("eth0", True, "request", "arp", *ends))
+                self.seen[one].append(CapturedPacket("eth0", True, "request", "arp", *ends))
             if is_end and end == "report" and number and kind == "request":
                 self.report(way[number::-1])
             if is_end and end in ("hop", "question", "report"):

@@ -13,7 +13,7 @@ import time
 import typing
 
 from ..._base import commands
-from ..._contract.computer import Change
+from ..._contract.computer import RecentChange
 from ..._machine import systemd
 
 # about -> the files that decide it; the one that was changed last is told.
@@ -58,7 +58,7 @@ def changes(root: str = "/") -> typing.List[Row]:
 
 
 def _row(about: str, what: str, how: str, when: str) -> Row:
-    return Change(about, what, how, when).plain()
+    return RecentChange(about, what, how, when).plain()
 
 
 def tables(root: str = "/") -> typing.List[Row]:

@@ -18,7 +18,7 @@ import typing
 from ..._base.commands import find_nobody, run, text
 from ..._base.deadlines import call_all
 from ..._base.foreign import last_line
-from ..._contract.network import DefaultRoute, Policy
+from ..._contract.network import DefaultRoute, PolicyRouting
 from ..._contract.outcomes import Outcome
 from ..._machine import network as machine
 from ..._machine.outcomes import classify_error, connect
@@ -322,7 +322,7 @@ def policy() -> typing.Dict[str, typing.List[str]]:
     shown = run(["ip", "-4", "route", "show", "table", "all"]).text
     lines = (" ".join(line.split()) for line in shown.splitlines())
     closed = [line for line in lines if line.startswith(CLOSED)]
-    return Policy(tuple(machine.policy_rules()[:MOST_LINES]), tuple(closed[:MOST_LINES])).plain()
+    return PolicyRouting(tuple(machine.policy_rules()[:MOST_LINES]), tuple(closed[:MOST_LINES])).plain()
 
 
 def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]:

@@ -11,7 +11,7 @@ import typing
 
 from ..._base.deadlines import call_all
 from ..._base.plain_text import LONGEST
-from ..._contract.ros import Traffic
+from ..._contract.ros import NodeTraffic
 from ..ros_client.documents import NODE
 from ..ros_client.hosts import host_of
 from ..ros_client.ros import CALLER, Ros
@@ -23,7 +23,7 @@ READING = 3.0  # seconds for a reading of all nodes; a node that answers later i
 MOST_NODES = 300  # whose counters are read
 MOST_FLOWS = 200  # of the result: those with most bytes
 
-NOTHING = Traffic().plain()
+NOTHING = NodeTraffic().plain()
 
 Counters = typing.Dict[int, typing.Tuple[int, int]]  # number of a connection -> bytes, messages
 Reading = typing.Tuple[float, Counters]  # monotonic seconds, and the counters of a node

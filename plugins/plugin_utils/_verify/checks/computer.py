@@ -11,7 +11,7 @@ from ..context.actual_world import DOWN
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts, make_service_part
 from ..context.packet_filters import ROSCORE
-from ..observe.observations import DefaultRoute, ForwardingInterface, Service
+from ..observe.observations import DefaultRoute, ForwardingInterface, ServiceState
 from ..observe.uris import is_one_of, is_same_uri
 from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
 
@@ -79,12 +79,12 @@ def _has_services(case: Case) -> bool:
     return case.observer.is_probed and bool(case.observer.plan.services_with_routing)
 
 
-def _is_full(entry: Service) -> bool:
+def _is_full(entry: ServiceState) -> bool:
     """Its process may open no file more, or one: it takes no connection, and its kernel does (accept(2), EMFILE)."""
     return entry.open_files is not None and entry.most_files is not None and entry.most_files - entry.open_files <= 1
 
 
-def _was_started_again(case: Case, entry: Service) -> bool:
+def _was_started_again(case: Case, entry: ServiceState) -> bool:
     """Return True if systemd has started it again lately: what was before the last verification is told no more."""
     return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= case.state.lately
 
@@ -102,18 +102,18 @@ _ENDS = {
 }
 
 
-def _describe_end(entry: Service) -> str:
+def _describe_end(entry: ServiceState) -> str:
     """Say who ended a service last, and why; nothing where that is not known."""
     text = _ENDS.get(entry.result, "").format(status="?" if entry.status is None else entry.status)
     return f": {text}" if text else ""
 
 
-def _describe_state(entry: Service) -> str:
+def _describe_state(entry: ServiceState) -> str:
     state = "not there" if entry.load_state == "not-found" else f"{entry.active_state} ({entry.sub_state})"
     return state + _describe_end(entry)
 
 
-def _inactive_parts(case: Case, service: str, entry: Service | None) -> Parts:
+def _inactive_parts(case: Case, service: str, entry: ServiceState | None) -> Parts:
     name, unit = case.observer.name, f"multimaster-{service}.service"
     if entry is not None and entry.load_state == "not-found":
         return make_parts("service", name, "missing", what=unit)

@@ -16,7 +16,7 @@ from ..context.errors import find_parts, list_refusers
 from ..context.needs import Parts, join_parts, make_parts
 from ..context.packet_filters import GROUP, ROSCORE
 from ..context.policy_routing import taker
-from ..observe.observations import Datagrams, ListedMaster, Route
+from ..observe.observations import DatagramCounts, ListedMaster, TargetRoute
 from ..observe.outcomes import Outcome
 from ..observe.uris import is_one_of
 from .engine import FAILED, MASTER, MASTER_TOO, MEMBER, OK, WARNING, Check, Judgement
@@ -60,7 +60,7 @@ def _judge_membership(case: Case) -> Judgement | None:
 # Datagrams on the group
 
 
-def _on_group(case: Case) -> Datagrams | None:
+def _on_group(case: Case) -> DatagramCounts | None:
     """The datagrams between two computers that the group reaches."""
     udp, own, planned = case.udp, case.own, case.planned
     if udp is None or own is None or planned is None or case.fleet.transport == "unicast":
@@ -293,7 +293,7 @@ def _hops(case: Case, address: IPv4Address) -> frozenset[str]:
     return frozenset([str(gateway.address)]) if gateway else case.way.hops
 
 
-def _judge_route(case: Case, route: Route | None, address: IPv4Address) -> Judgement | None:
+def _judge_route(case: Case, route: TargetRoute | None, address: IPv4Address) -> Judgement | None:
     if route is None:
         return None
     by, hops = route.gateway or "", _hops(case, address)
@@ -304,7 +304,7 @@ def _judge_route(case: Case, route: Route | None, address: IPv4Address) -> Judge
     return Judgement(FAILED, expected, found, _find_route_fault(case, route, address))
 
 
-def _find_route_fault(case: Case, route: Route, address: IPv4Address) -> Parts:
+def _find_route_fault(case: Case, route: TargetRoute, address: IPv4Address) -> Parts:
     mode, what = taker(case.probe.policy, str(address))
     if mode:
         return make_parts("route", case.observer.name, mode, what=what)

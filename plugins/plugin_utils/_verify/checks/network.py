@@ -12,7 +12,7 @@ from ..context import needs
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts
 from ..context.policy_routing import taker
-from ..observe.observations import Ping, Route
+from ..observe.observations import Ping, TargetRoute
 from ..observe.outcomes import Outcome
 from .engine import FAILED, ITSELF_TOO, MEMBER, OK, WARNING, Check, Judgement, judge_fault
 
@@ -131,7 +131,7 @@ def _route_needs(case: Case) -> Parts:
     return found | make_parts("route", case.observer.name, "missing")
 
 
-def _find_route_fault(case: Case, route: Route) -> Parts:
+def _find_route_fault(case: Case, route: TargetRoute) -> Parts:
     mode, what = taker(case.probe.policy, case.address)
     if mode and (route.error or (route.gateway or "") not in case.way.hops):
         return make_parts("route", case.observer.name, mode, what=what)
@@ -146,7 +146,7 @@ def _route_absence_parts(case: Case) -> Parts:
     return make_parts("route", name, "missing", what="" if _has_no_routes(case) else network)
 
 
-def _wrong_route_parts(case: Case, route: Route) -> Parts:
+def _wrong_route_parts(case: Case, route: TargetRoute) -> Parts:
     name, network, by = case.observer.name, case.ways.network(case.robots[1]), route.gateway or ""
     if _leaves_fleet(case, route.device):
         return make_parts("route", name, "other", what=network)

@@ -11,7 +11,7 @@ from ..._base.hosts import host_of
 from ..._plan.model import COMMON
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts
-from ..observe.observations import Outsider
+from ..observe.observations import IgnoredSender
 from ..observe.uris import is_one_of
 from .engine import WARNING, Check, Judgement, judge_fault
 
@@ -31,7 +31,7 @@ def _datagrams(case: Case, named: set[str]) -> list[str]:
     ]
 
 
-def _title(entry: Outsider) -> str:
+def _title(entry: IgnoredSender) -> str:
     return f"{entry.name or 'a sender of heartbeats'} at {entry.address}"
 
 
@@ -61,7 +61,7 @@ def _find_unwanted(case: Case) -> dict[str, str]:
     return {at: name for at, name in {**senders, **guests}.items() if not _is_allowed(case, at)}
 
 
-def _misread_member_parts(case: Case, entry: Outsider) -> Parts:
+def _misread_member_parts(case: Case, entry: IgnoredSender) -> Parts:
     """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
     computer = case.ways.name_at(entry.address)
     master = case.ways.master_at.get(computer)

@@ -11,7 +11,15 @@ from dataclasses import replace
 from typing import TypeVar
 
 from ..._plan.model import COMMON, ComputerPlan, FleetPlan, Master
-from ..observe.observations import Datagrams, Exchange, ForwardingInterface, Multicast, Observation, Probe, SeenMember
+from ..observe.observations import (
+    DatagramCounts,
+    Exchange,
+    ForwardingInterface,
+    Multicast,
+    Observation,
+    Probe,
+    SeenMember,
+)
 from .announcements import find_misplaced, find_strays
 from .packet_filters import ReadFilters
 from .registrations import Exchanges
@@ -218,7 +226,7 @@ class Case:  # no dataclass: a large fleet has hundreds of thousands, and many c
         return len(self.run) > 1 and not any(computer.is_set_up for computer in self.run.values())
 
     @property
-    def back_udp(self) -> Datagrams | None:
+    def back_udp(self) -> DatagramCounts | None:
         """The datagrams between target and observer, as the target counts them."""
         return self.peer.udp.get(self.observer.name) if self.peer else None
 

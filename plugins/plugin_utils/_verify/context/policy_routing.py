@@ -15,7 +15,7 @@ from ipaddress import IPv4Address, IPv4Network
 from ..._base import advice
 from ..._network.model import ANY_PORT
 from ..._network.policy import lookups, write_rule
-from ..observe.observations import Policy
+from ..observe.observations import PolicyRouting
 
 CLOSED = re.compile(
     r"(?P<kind>blackhole|unreachable|prohibit) (?P<to>default|[0-9./]+)(?: table (?P<table>[\w.-]+))?(?: [\w .:/-]*)?",
@@ -23,7 +23,7 @@ CLOSED = re.compile(
 )
 
 
-def taker(policy: Policy, address: str) -> tuple[str, str]:
+def taker(policy: PolicyRouting, address: str) -> tuple[str, str]:
     """Find the rule or route that takes packets for an address: ("rule" or "closed", words to delete it), or empty texts."""
     for rule in lookups(policy.rules):
         words, takes_all = write_rule(rule), not rule.protocol and rule.ports == rule.source_ports == ANY_PORT

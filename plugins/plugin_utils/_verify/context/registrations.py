@@ -19,7 +19,7 @@ from typing import NamedTuple, cast
 from ..._inventory import filters
 from ..._inventory.flows import VERIFICATION_TOPICS
 from ..._plan.model import FleetPlan
-from ..observe.observations import Connection, Exchange, Import
+from ..observe.observations import Exchange, Import, NodeConnection
 from ..observe.uris import normalise_uri
 
 MOST = 20_000  # registrations of a robot that are compared: of another one, the nodes take 5,000
@@ -326,7 +326,7 @@ class Exchanges:
         ]
         return alone[0] if len(alone) == 1 else ""
 
-    def find_crossing_links(self, links: Iterable[Connection], own: str, other: str) -> list[Connection]:
+    def find_crossing_links(self, links: Iterable[NodeConnection], own: str, other: str) -> list[NodeConnection]:
         """List the connections between nodes of two robots that no planned registration explains.
 
         A subscriber that passes hears all publishers of its topic on the other robot, even those that do not pass.

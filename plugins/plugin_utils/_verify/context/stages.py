@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from enum import Enum
 
 from ..._base.sentences import shorten_list
-from ..observe.observations import Exchange, HeardTopic, Refusal, Source
+from ..observe.observations import Exchange, GivenTopics, HeardTopic, RefusedName
 from ..observe.outcomes import Outcome
 from .case import Case, Participant
 from .needs import Parts, join_parts, make_parts
@@ -126,12 +126,12 @@ def _is_here(case: Case, topic: HeardTopic) -> bool | None:
     return None if has else has
 
 
-def _find_source(asker: Participant | None, computer: str) -> Source:
+def _find_source(asker: Participant | None, computer: str) -> GivenTopics:
     entries = asker.probe.sources if asker else ()
-    return next((entry for entry in entries if entry.computer == computer), Source(computer))
+    return next((entry for entry in entries if entry.computer == computer), GivenTopics(computer))
 
 
-def _has_answered(source: Source) -> bool:
+def _has_answered(source: GivenTopics) -> bool:
     return source.outcome == Outcome.ANSWERED
 
 
@@ -196,7 +196,7 @@ def find_refusals(case: Case, names: list[str]) -> Parts:
     return make_parts("sync", case.masters[0], "refuses", what=shorten_list(names, NAMED)) if names else frozenset()
 
 
-def describe_refusal(row: Refusal) -> str:
+def describe_refusal(row: RefusedName) -> str:
     """Say why a sync node refuses a name."""
     words = {
         "node": f"a node at {row.here} has this name",

@@ -15,7 +15,7 @@ from ipaddress import IPv4Network
 
 from ..components.parts import Part
 from ..context.case import FleetState, Participant
-from ..observe.observations import BootDeviation, Probe, Service
+from ..observe.observations import BootDeviation, Probe, ServiceState
 
 SERVICES = ("roscore", "discovery", "sync")
 LATER = ("hung", "stale", "untold", "full", "stopped")  # these begin some time after the start, which says nothing
@@ -56,7 +56,7 @@ def describe_onset(part: Part, computer: Participant | None, state: FleetState) 
     return "; ".join(dict.fromkeys([*files, *changes]))
 
 
-def _service_time(services: list[Service], mode: str) -> str:
+def _service_time(services: list[ServiceState], mode: str) -> str:
     """A service that has ended is so since it changed its state; one that runs with something wrong has it since its start."""
     times = [entry.since for entry in services if entry.since]
     if not times or mode in LATER:

@@ -7,10 +7,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ....module_utils._contract.trace import Capture, Counter, SeenPackets, SentProbe, SentProbes
+from ....module_utils._contract.trace import CapturedPacket, Counter, SeenPackets, SentProbe, SentProbes
 from .contract import make_dataclasses
 
-__all__ = ["Capture", "Counter", "FollowPlan", "FollowedProbe", "SecondLook", "SeenPackets", "SentProbe", "SentProbes"]
+__all__ = [
+    "CapturedPacket",
+    "Counter",
+    "FollowPlan",
+    "FollowedProbe",
+    "SecondLook",
+    "SeenPackets",
+    "SentProbe",
+    "SentProbes",
+]
 
 make_dataclasses(SentProbes, SeenPackets)
 

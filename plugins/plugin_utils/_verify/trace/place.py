@@ -20,7 +20,7 @@ from ..._base.sentences import shorten_list
 from ..context.errors import list_own_parts
 from ..context.packet_filters import GROUP
 from ..observe.outcomes import Outcome
-from ..observe.second_look import Capture, Counter, FollowedProbe, SecondLook, SentProbe
+from ..observe.second_look import CapturedPacket, Counter, FollowedProbe, SecondLook, SentProbe
 
 MOST_HOPS = 16
 NAMED = 6  # counters that a sentence names
@@ -83,7 +83,7 @@ class Place:
     at: str = ""  # the computer that saw them last; of a report, the one that reports
     next: str = ""  # the computer that was to see them; empty where none is known
     answer: bool = False  # the answer ends there
-    last: Capture | None = None  # seen last
+    last: CapturedPacket | None = None  # seen last
     times: int = 0  # that it was seen there
     sent: SentProbe | None = None
     asked: str = ""  # the address that was asked for in vain
@@ -123,26 +123,26 @@ class _Walk:
     """The packets of one probe, at all computers."""
 
     def __init__(
-        self, probe: FollowedProbe, sent: SentProbe | None, chart: Map, seen: Mapping[str, Sequence[Capture]]
+        self, probe: FollowedProbe, sent: SentProbe | None, chart: Map, seen: Mapping[str, Sequence[CapturedPacket]]
     ) -> None:
         self.probe, self.sent, self.chart = probe, sent, chart
         connections = {one.sequence for one in seen.get(probe.sender, ()) if self._begins(one)}
         self.own = {host: [one for one in packets if self._is_own(one, connections)] for host, packets in seen.items()}
         self.hops: list[Hop] = []  # of all walks, in their order
-        self.steps: list[tuple[str, Capture]] = []  # the packet that left, and from where, of each of these
+        self.steps: list[tuple[str, CapturedPacket]] = []  # the packet that left, and from where, of each of these
         self.changers: set[str] = set()  # computers that change ports, as a NAT may do
         self.asks = {host: [one for one in packets if one.protocol == ARP] for host, packets in seen.items()}
 
-    def _begins(self, one: Capture) -> bool:
+    def _begins(self, one: CapturedPacket) -> bool:
         """Return True if a packet at the sender begins the connection of the probe. Programs there may call the same port."""
         asked = (one.outgoing, one.protocol, one.kind) == (True, "tcp", REQUEST)
         called = (one.destination, one.port) == (self.probe.address, self.probe.port)
         return asked and called and self._is_from_port(one)
 
-    def _is_from_port(self, one: Capture) -> bool:
+    def _is_from_port(self, one: CapturedPacket) -> bool:
         return self.sent is not None and one.source_port == self.sent.source_port
 
-    def _is_own(self, one: Capture, connections: set[int]) -> bool:
+    def _is_own(self, one: CapturedPacket, connections: set[int]) -> bool:
         if one.protocol != self.probe.protocol or not (one.outgoing or one.intact):  # the kernel takes no broken one
             return False
         if (
@@ -175,15 +175,15 @@ class _Walk:
             return replace(place, stage=Stage.UNSEEN)  # a NAT there may have given them another identifier
         return self._find_change(place)
 
-    def _list_reports(self) -> list[Capture]:
+    def _list_reports(self) -> list[CapturedPacket]:
         """List the reports of ICMP about the packets, as the sender saw them."""
         return [one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR]
 
-    def _tells_closed_port(self, report: Capture) -> bool:
+    def _tells_closed_port(self, report: CapturedPacket) -> bool:
         """Return True if a report is that of datagrams which have arrived, where no program takes them."""
         return self.probe.protocol == "udp" and (report.icmp_type, report.icmp_code) == CLOSED_PORT
 
-    def _is_denied(self, report: Capture) -> bool:
+    def _is_denied(self, report: CapturedPacket) -> bool:
         """Return True if the computer that is to have reported listened, has sent no such report, and has passed on what came, or got nothing."""
         at = self.chart.name_at(report.reporter)
         if at == self.probe.sender or at not in self.chart.listening:
@@ -203,7 +203,7 @@ class _Walk:
         with an answer of another address than was asked; nowhere if nobody saw it change. What else ends is left as it is.
         """
         last = place.last
-        changes: list[tuple[str, Capture]] | None = None
+        changes: list[tuple[str, CapturedPacket]] | None = None
         if last and not last.outgoing and place.stage == Stage.HOP and not place.answer:
             changes = self._list_target_changes(last, place.at)
         elif last and not last.outgoing and place.stage == Stage.WITHHELD:
@@ -213,14 +213,14 @@ class _Walk:
         at, left = changes[0] if changes else ("", None)
         return replace(place, stage=Stage.CHANGED if left else Stage.UNSEEN, at=at, next="", last=left)
 
-    def _list_target_changes(self, last: Capture, at: str) -> list[tuple[str, Capture]] | None:
+    def _list_target_changes(self, last: CapturedPacket, at: str) -> list[tuple[str, CapturedPacket]] | None:
         """List what left for another address than was asked; None where the last packet did not come in for one of its computer."""
         asked = self.probe.address
         if last.destination == asked or self.chart.name_at(last.destination) != at:
             return None
         return [step for step in self.steps if step[1].destination != asked]
 
-    def _list_source_changes(self, last: Capture) -> list[tuple[str, Capture]] | None:
+    def _list_source_changes(self, last: CapturedPacket) -> list[tuple[str, CapturedPacket]] | None:
         """List the answers that left from another address than got the question; None where the last one is of the one that was asked."""
         asked = self.probe.address
         if last.source == asked:
@@ -255,14 +255,14 @@ class _Walk:
             return Stage.UNSEEN
         return self._unless_blind(self.probe.sender, Stage.SOURCE)
 
-    def _list(self, host: str, kind: str, outgoing: bool) -> list[Capture]:
+    def _list(self, host: str, kind: str, outgoing: bool) -> list[CapturedPacket]:
         """List the packets of a kind at a computer."""
         return [one for one in self.own.get(host, ()) if one.kind == kind and one.outgoing == outgoing]
 
     def _walk(self, kind: str, route: Sequence[str]) -> Place:
         """Walk from the first computer of the route to the last one."""
         at = route[0]
-        came: list[Capture] = []
+        came: list[CapturedPacket] = []
         passed = {at}
         following = dict(pairwise(route))
         for _hop in range(MOST_HOPS):
@@ -286,7 +286,7 @@ class _Walk:
         return replace(place, stage=Stage.UNSEEN)
 
     def _end_step(
-        self, place: Place, to: str, came: Sequence[Capture], route: Sequence[str], passed: Container[str]
+        self, place: Place, to: str, came: Sequence[CapturedPacket], route: Sequence[str], passed: Container[str]
     ) -> Place | None:
         """Return the place of packets that ended by a step to a computer, or came to their end. None: they go on."""
         if not to:
@@ -313,12 +313,12 @@ class _Walk:
         # The first one of an answer is there, or it was not walked.
         return replace(place, stage=self._unless_blind(place.at, Stage.HOP) if place.last else self._start())
 
-    def _list_came(self, host: str, kind: str) -> list[Capture]:
+    def _list_came(self, host: str, kind: str) -> list[CapturedPacket]:
         """List the packets that came in at a computer, once each: an interface above another one shows each of them last."""
         came = self._list(host, kind, outgoing=False)
         return [one for one in came if one.interface == came[-1].interface]
 
-    def _list_left(self, host: str, kind: str) -> list[Capture]:
+    def _list_left(self, host: str, kind: str) -> list[CapturedPacket]:
         """List the packets that left a computer, once each: an interface above another one shows each of them first."""
         left = self._list(host, kind, outgoing=True)
         return [one for one in left if one.interface == left[0].interface]
@@ -327,7 +327,7 @@ class _Walk:
         """Return True if packets came in once more where they have passed: at the first computer, or with less of their life."""
         return to == first or len({one.ttl for one in self._list(to, kind, outgoing=False)}) > 1
 
-    def _make_hop(self, at: str, to: str, left: Capture, came: Sequence[Capture]) -> Hop:
+    def _make_hop(self, at: str, to: str, left: CapturedPacket, came: Sequence[CapturedPacket]) -> Hop:
         return Hop(
             sender=at,
             receiver=to,
@@ -340,7 +340,7 @@ class _Walk:
             came=came[-1].interface if came else "",
         )
 
-    def _find_receiver(self, left: Capture, planned: str, rest: Iterable[str], kind: str) -> str:
+    def _find_receiver(self, left: CapturedPacket, planned: str, rest: Iterable[str], kind: str) -> str:
         """Name the computer for which a packet left; a group and an interface without hardware addresses name none.
 
         A hardware address that nobody told may be that of the planned one all the same: a bridge translates it, and the packet came

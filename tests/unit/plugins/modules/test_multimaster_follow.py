@@ -12,7 +12,7 @@ import namespaces
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
-    Capture,
+    CapturedPacket,
     FollowedProbe,
     SecondLook,
     SeenPackets,
@@ -225,7 +225,7 @@ def judge(network, route, address, protocols, unasked=()):
         for one in sent[network.hosts.index(route[0])]
     ]
     looks = {
-        host.name: SecondLook(packets=SeenPackets(tuple(Capture(**one) for one in result["seen"])))
+        host.name: SecondLook(packets=SeenPackets(tuple(CapturedPacket(**one) for one in result["seen"])))
         for host, result in zip(network.hosts, collected, strict=True)
         if host.name in hosts
     }

@@ -7,7 +7,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._features.tunnel.model import Tunnel
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     SeenTunnel,
-    Service,
+    ServiceState,
     TunnelPeer,
 )
 from fleets import diagnosed, parts, plan, update
@@ -120,7 +120,7 @@ def ended(seen):
     services = tuple(entry for entry in seen[TWO].probe.services if "tunnel" not in entry.unit)
     update(
         seen[TWO].probe,
-        services=(*services, Service("tunnel", "multimaster-tunnel.service", "loaded", "inactive", "dead")),
+        services=(*services, ServiceState("tunnel", "multimaster-tunnel.service", "loaded", "inactive", "dead")),
     )
     for name in (ONE, THREE):
         update(peer(seen, name, TWO), heard=False)

@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
-    ListMasters,
+    MasterList,
     Observation,
     PacketFilter,
 )
@@ -63,7 +63,7 @@ def _silent_roscore(error):
 
     def change(seen):
         _roscore(answer="", error=error)(seen)
-        update(seen[ONE].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
+        update(seen[ONE].probe, list_masters=MasterList(error="ERROR: Unable to communicate with master!"))
         for one, other in ((ONE, TWO), (TWO, ONE)):
             entry = of(seen[one].probe.topics, other, "computer")
             update(entry, heard=False, publishers=(), error="the topic is not registered")
@@ -364,7 +364,7 @@ def test_a_sealed_roscore_may_have_each_of_its_names():
 def test_a_silent_sealed_roscore_is_named():
     def silence(seen):
         update(seen[COMPANION].probe.roscore, answer="", error="no answer", outcome=Outcome.REFUSED)
-        update(seen[COMPANION].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
+        update(seen[COMPANION].probe, list_masters=MasterList(error="ERROR: Unable to communicate with master!"))
         update(of(seen[ONE].probe.list_masters.masters, SEALED), online=False)
 
     assert ("roscore", SEALED, "sealed") in parts(diagnosed(silence, sealed()))

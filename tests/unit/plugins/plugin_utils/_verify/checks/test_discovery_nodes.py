@@ -6,10 +6,10 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
-    ListMasters,
-    Membership,
+    GroupMembership,
+    MasterList,
     NodeParameters,
-    Publisher,
+    TopicPublisher,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import (
@@ -78,7 +78,7 @@ def _closed(error, outcome):
 def _hung(seen):
     """The discovery node of the second robot takes connections and answers none."""
     _master(clock_offset_s=None, clock_error="getCurrentTime failed: timed out")(seen)
-    update(seen[TWO].probe, list_masters=ListMasters(error="no answer within 10 s"))
+    update(seen[TWO].probe, list_masters=MasterList(error="no answer within 10 s"))
     update(seen[TWO].probe.exchange, silent=["/master_discovery"])
     _listed(online=False)(seen)
     _unheard(seen)
@@ -105,8 +105,8 @@ def _stopped(seen):
         port = of(seen[one].probe.masters, TWO, "computer")
         refused = {"open": False, "error": "Connection refused", "outcome": Outcome.REFUSED}
         update(port, **refused, clock_offset_s=None, clock_error="no answer")
-    update(seen[TWO].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
-    update(of(seen[ONE].probe.topics, TWO, "computer"), publishers=[Publisher("/n", "")])
+    update(seen[TWO].probe, list_masters=MasterList(error="ERROR: Unable to communicate with master!"))
+    update(of(seen[ONE].probe.topics, TWO, "computer"), publishers=[TopicPublisher("/n", "")])
 
 
 # The change, a check that tells it, its verdict, and the part that is named.
@@ -171,8 +171,8 @@ def test_the_group_that_a_network_does_not_carry_is_told_once():
 @pytest.mark.parametrize(
     ("joined", "kind", "mode"),
     [
-        ([Membership("eth0", "239.9.9.9")], "discovery", "group"),
-        ([Membership("eth7", "226.0.0.0"), Membership("eth0", "224.0.0.1")], "interface", "multicast"),
+        ([GroupMembership("eth0", "239.9.9.9")], "discovery", "group"),
+        ([GroupMembership("eth7", "226.0.0.0"), GroupMembership("eth0", "224.0.0.1")], "interface", "multicast"),
     ],
 )
 def test_a_node_of_another_group_is_named_without_parameters(joined, kind, mode):

@@ -12,8 +12,8 @@ from collections import Counter
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
-    ListMasters,
-    Roscore,
+    MasterList,
+    RoscoreAnswer,
     Talker,
 )
 from fleets import (
@@ -121,7 +121,7 @@ def test_a_second_computer_without_ros_keeps_nobody_waiting():
                     one.probe,
                     ros_missing="there is no command rostopic",
                     topics=(),
-                    list_masters=ListMasters(error="there is no command rosservice"),
+                    list_masters=MasterList(error="there is no command rosservice"),
                     talker=Talker(running=False, error="there is no command rostopic"),
                 )
 
@@ -139,10 +139,10 @@ def test_a_second_computer_may_be_without_ros():
             update(one.probe, topics=without(one.probe.topics, second, "computer"))
         update(
             seen[second].probe,
-            roscore=Roscore(error="no file"),
+            roscore=RoscoreAnswer(error="no file"),
             ros_missing="no file",
             talker=Talker(running=False, error="no file"),
-            list_masters=ListMasters(error="no file"),
+            list_masters=MasterList(error="no file"),
             topics=(),
         )
 

@@ -11,14 +11,14 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.exchange import MOST_PARTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
-    Connection,
     CrossingParameter,
+    GivenTopics,
     Import,
+    NodeConnection,
     NodeHost,
-    Refusal,
+    RefusedName,
     RegisteredService,
     SilentNode,
-    Source,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import (
@@ -90,7 +90,7 @@ def _not_followed(seen):
     """Nothing of the other robot is registered, which its discovery node gives when it is asked."""
     update(seen[ONE].probe.exchange, imports=[])
     talker = f"/multimaster_verify/{TWO}"
-    source = Source(TWO, (talker,), (talker,), outcome=Outcome.ANSWERED)
+    source = GivenTopics(TWO, (talker,), (talker,), outcome=Outcome.ANSWERED)
     update(seen[ONE].probe, sources=[*seen[ONE].probe.sources, source])
 
 
@@ -115,7 +115,7 @@ def _too_many(seen):
 def _stranger_of_a_node(seen):
     """A connection on a topic that is exchanged with nobody."""
     part = seen[ONE].probe.exchange
-    stranger = Connection("/rosout", "/rosout", "in", "http://kobuki2computer:1234/", TWO, "kobuki2")
+    stranger = NodeConnection("/rosout", "/rosout", "in", "http://kobuki2computer:1234/", TWO, "kobuki2")
     update(part, connections=[*part.connections, stranger])
 
 
@@ -124,7 +124,7 @@ def _announces(host, process=True, computer=TWO):
 
     def change(seen):
         _refused(seen)
-        refusal = Refusal("/kobuki2/base", "place", f"http://{host}:41233/", TWO, "it is no computer of kobuki2")
+        refusal = RefusedName("/kobuki2/base", "place", f"http://{host}:41233/", TWO, "it is no computer of kobuki2")
         update(of(seen[ONE].probe.services, "sync"), refused=["/kobuki2/base"], refusals=[refusal])
         node = AnnouncedHost("/kobuki2/base", host, 41233)
         silence = SilentNode("/kobuki2/base", host, "Connection refused", Outcome.REFUSED)
@@ -203,7 +203,7 @@ def _leak(seen):
     """kobuki3 has the odometry of kobuki1, and a connection with it, though nothing flows there."""
     part = seen[THREE].probe.exchange
     odometry = topic("/kobuki1/odom", "nav_msgs/Odometry", ["/kobuki1/base"])
-    link = Connection("/kobuki3/base", "/kobuki1/odom", "in", "/kobuki1/base", ONE, "kobuki1")
+    link = NodeConnection("/kobuki3/base", "/kobuki1/odom", "in", "/kobuki1/base", ONE, "kobuki1")
     update(
         part,
         imports=[*part.imports, Import("http://kobuki1computer:11311/", (odometry,))],

@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.conte
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Claim,
     FilterChains,
-    ListMasters,
+    MasterList,
     Observation,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
@@ -166,7 +166,7 @@ def _gateway_off(seen):
     for name in INNER_CAR:
         probe = seen[name].probe
         update(probe.roscore, answer="", error="no answer within 5 s")
-        update(probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
+        update(probe, list_masters=MasterList(error="ERROR: Unable to communicate with master!"))
         for one in seen.values():
             for entry in one.probe.topics:
                 if entry.computer == name or one is seen[name]:
@@ -185,7 +185,7 @@ def _off(seen):
     silent(seen, everybody, ["tibi-nav"])
     silent(seen, ["tibi-nav"], [name for name in everybody if name != "router"])
     update(seen["tibi-nav"].probe.roscore, answer="", error="no answer within 5 s")
-    update(seen["tibi-nav"].probe, list_masters=ListMasters(error="ERROR: Unable to communicate with master!"))
+    update(seen["tibi-nav"].probe, list_masters=MasterList(error="ERROR: Unable to communicate with master!"))
     for one in seen.values():
         for entry in one.probe.topics:
             if entry.computer == "tibi-nav" or one is seen["tibi-nav"]:

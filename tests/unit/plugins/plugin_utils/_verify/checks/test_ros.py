@@ -14,9 +14,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import explain_rows
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
-    Publisher,
     Stream,
     Streams,
+    TopicPublisher,
 )
 from fleets import (
     ONE,
@@ -56,7 +56,7 @@ FAULTS = [
     (_nothing_registered, "topic_heard", FAILED, "sync", ONE, "hung"),
     (_topic(heard=False), "topic_heard", FAILED, "filter", TWO, "nodes in"),
     (
-        _topic(publishers=[Publisher("/n", "http://localhost:1/")]),
+        _topic(publishers=[TopicPublisher("/n", "http://localhost:1/")]),
         "direct_connection",
         FAILED,
         "environment",
@@ -64,7 +64,7 @@ FAULTS = [
         "shell",
     ),
     (
-        _topic(publishers=[Publisher("/n", "http://kobuki1computer:1/")]),
+        _topic(publishers=[TopicPublisher("/n", "http://kobuki1computer:1/")]),
         "direct_connection",
         FAILED,
         "environment",

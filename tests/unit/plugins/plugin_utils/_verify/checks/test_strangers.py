@@ -8,8 +8,8 @@ from dataclasses import replace
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     DefaultRoute,
+    IgnoredSender,
     ListedMaster,
-    Outsider,
     Stranger,
 )
 from fleets import ONE, evaluate, notable, plan, update
@@ -31,7 +31,7 @@ def test_strangers_and_two_default_routes_are_warnings():
     assert "guest" in found["strangers", ONE, ONE].found and "192.168.1.77" in found["strangers", ONE, ONE].found
 
 
-ROGUE = Outsider("192.168.1.66", "rogue", "http://rogue:11311/", "it is no robot of the fleet")
+ROGUE = IgnoredSender("192.168.1.66", "rogue", "http://rogue:11311/", "it is no robot of the fleet")
 
 
 def test_who_is_ignored_is_named_once():

@@ -9,7 +9,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.actual_world import ActualWorld
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import FleetState
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Policy
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import PolicyRouting
 from fleets import fig12, observed, update
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -52,7 +52,7 @@ CASES = [
     (Part("route", GATE, "closed", "blackhole 192.168.12.0/24"), {}, (INNER, OTHER), (INNER, NEAR)),
     (
         Part("route", GATE, "rule"),
-        {"policy": Policy(("99: from all to 192.168.12.0/24 prohibit",))},
+        {"policy": PolicyRouting(("99: from all to 192.168.12.0/24 prohibit",))},
         (INNER, OTHER),
         (INNER, NEAR),
     ),
@@ -109,5 +109,7 @@ TEXT = st.text(st.characters(codec="utf-8"), max_size=12) | st.sampled_from(
 def test_texts_of_a_computer_never_stop_the_diagnosis(addresses, prefixes, words, line):
     part = Part("route", GATE, "closed", words)
     values = {"addresses": addresses, "prefixes": prefixes, "interface": words}
-    world = see(part, Part("computer", words, "off"), interface=(1, values), policy=Policy((f"1: {line}",), (line,)))
+    world = see(
+        part, Part("computer", words, "off"), interface=(1, values), policy=PolicyRouting((f"1: {line}",), (line,))
+    )
     assert world.find_fault(OTHER, INNER, "icmp") in (None, part)

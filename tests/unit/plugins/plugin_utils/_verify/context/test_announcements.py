@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     AnnouncedHost,
     ForwardingInterface,
     NodeHost,
-    Refusal,
+    RefusedName,
 )
 from fleets import TWO, fig12, observed, of, plan, update
 
@@ -154,7 +154,7 @@ def test_another_name_that_leads_home_everywhere_is_fine(addresses, refused, is_
     announced = AnnouncedHost(NODE, "tibi-nav.local", PORT, addresses)
     update(seen[MASTER].probe.exchange, announced=[announced])
     if refused:
-        refusal = Refusal(NODE, "place", "http://tibi-nav.local:41233/", MASTER, "it is no computer of tibi")
+        refusal = RefusedName(NODE, "place", "http://tibi-nav.local:41233/", MASTER, "it is no computer of tibi")
         update(of(seen[OTHER].probe.services, "sync"), refusals=[refusal])
     found = find_misplaced(fleet, {name: one.probe for name, one in seen.items()})
     assert bool(found) is is_told

@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.policy_routing import taker
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Policy
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import PolicyRouting
 
 ADDRESS = "192.168.12.5"
 
@@ -32,4 +32,4 @@ ADDRESS = "192.168.12.5"
     ],
 )
 def test_taker(rules, closed, expected):
-    assert taker(Policy(rules, closed), ADDRESS) == expected
+    assert taker(PolicyRouting(rules, closed), ADDRESS) == expected

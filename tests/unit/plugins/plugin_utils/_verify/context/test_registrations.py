@@ -19,9 +19,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.conte
     RoscoreIndex,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
-    Connection,
     Exchange,
     Import,
+    NodeConnection,
     RegisteredService,
     RegisteredTopic,
 )
@@ -281,7 +281,7 @@ def test_a_conflict_counts_only_where_the_topic_passes():
 
 
 def link(direction, topic, node, peer, robot):
-    return Connection(node, topic, direction, peer, f"{robot}1", robot)
+    return NodeConnection(node, topic, direction, peer, f"{robot}1", robot)
 
 
 def test_connections_that_nothing_explains():

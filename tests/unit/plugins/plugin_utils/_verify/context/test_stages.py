@@ -9,10 +9,10 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.stages import Stage, find_stage
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import SEEN
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    GivenTopics,
     ParameterDifference,
-    Refusal,
+    RefusedName,
     SilentNode,
-    Source,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import diagnosed, drop_import, fig12, of, parts, update, without
@@ -69,7 +69,7 @@ def _masters(seen):
 def _tell(seen, asker, *given):
     """The discovery node of the target's master has told what it has."""
     own = () if asker == ITS else seen[asker].probe.sources
-    update(seen[asker].probe, sources=[*own, Source(ITS, (TOPIC,), given, outcome=Outcome.ANSWERED)])
+    update(seen[asker].probe, sources=[*own, GivenTopics(ITS, (TOPIC,), given, outcome=Outcome.ANSWERED)])
 
 
 def _unregistered(seen):
@@ -102,7 +102,7 @@ def _refused(seen):
 
 def _objected(seen):
     _refused(seen)
-    refusal = Refusal(TOPIC, "type", "std_msgs/String", "tibi", "std_msgs/Header")
+    refusal = RefusedName(TOPIC, "type", "std_msgs/String", "tibi", "std_msgs/Header")
     update(of(seen[OWN].probe.services, "sync"), refusals=[refusal])
 
 

@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagn
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,
     DefaultRoute,
-    Service,
+    ServiceState,
 )
 from fleets import diagnosed, fig12, observed, update
 
@@ -40,7 +40,7 @@ def boots(file):
 
 
 def dropped(*files):
-    units = [Service(name, f"multimaster-{name}.service") for name in ("address", "discovery", "sync")]
+    units = [ServiceState(name, f"multimaster-{name}.service") for name in ("address", "discovery", "sync")]
     units[-1] = replace(units[-1], differing=("ROS_IP",), drop_ins=files)
     return lambda probe: update(probe, services=tuple(units))
 

@@ -9,13 +9,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.conte
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.onset import describe_onset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,
-    Change,
     FilterChain,
     FilterChains,
     FilterRule,
     ForwardingInterface,
     ForwardingSettings,
-    Service,
+    RecentChange,
+    ServiceState,
 )
 from fleets import diagnosed, fig12, no_answer, observed, of, update
 
@@ -39,9 +39,9 @@ def with_services(probe):
     update(
         probe,
         services=(
-            Service("discovery", "multimaster-discovery.service", since=SERVICE_WHEN),
-            Service("address", "multimaster-address.service", since=SERVICE_WHEN),
-            Service("sync", "multimaster-sync.service", differing=("ROS_IP",), since=SERVICE_WHEN),
+            ServiceState("discovery", "multimaster-discovery.service", since=SERVICE_WHEN),
+            ServiceState("address", "multimaster-address.service", since=SERVICE_WHEN),
+            ServiceState("sync", "multimaster-sync.service", differing=("ROS_IP",), since=SERVICE_WHEN),
         ),
     )
 
@@ -146,7 +146,11 @@ def test_the_file_of_names_counts_by_its_line(addresses, in_file, told):
     def change(probe):
         update(of(probe.members, "car-nav"), addresses=addresses, file_addresses=in_file)
         update(
-            probe, changes=(Change("names", "/etc/hosts", when=WHEN), Change("order", "/etc/nsswitch.conf", when=WHEN))
+            probe,
+            changes=(
+                RecentChange("names", "/etc/hosts", when=WHEN),
+                RecentChange("order", "/etc/nsswitch.conf", when=WHEN),
+            ),
         )
 
     for mode in ("loopback", "old", "several"):
@@ -158,9 +162,9 @@ def test_the_file_of_names_counts_by_its_line(addresses, in_file, told):
 # Packet filters: by the table of the rule that drops
 
 CHANGES = (
-    Change("ufw", "/etc/ufw/user.rules", when=WHEN),
-    Change("docker", "docker.service", "was started", SERVICE_WHEN),
-    Change("table inet filter", "/etc/nftables.conf", when=WHEN),
+    RecentChange("ufw", "/etc/ufw/user.rules", when=WHEN),
+    RecentChange("docker", "docker.service", "was started", SERVICE_WHEN),
+    RecentChange("table inet filter", "/etc/nftables.conf", when=WHEN),
 )
 UFW, DOCKER = f"/etc/ufw/user.rules was changed {WHEN}", f"docker.service was started {SERVICE_WHEN}"
 NFTABLES = f"/etc/nftables.conf was changed {WHEN}"

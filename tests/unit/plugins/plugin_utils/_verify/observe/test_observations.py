@@ -10,9 +10,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     ForwardingInterface,
     Multicast,
     Probe,
-    Route,
-    Service,
+    ServiceState,
     Talker,
+    TargetRoute,
 )
 
 
@@ -40,10 +40,12 @@ def assert_same(read, sample, where):
 
 def test_what_is_missing_has_a_default():
     assert from_plain(Probe, {"members": []}) == Probe()
-    assert from_plain(Route, {"device": None, "source": None, "gateway": None, "error": "x"}) == Route(error="x")
+    assert from_plain(TargetRoute, {"device": None, "source": None, "gateway": None, "error": "x"}) == TargetRoute(
+        error="x"
+    )
     interface = {"interface": "eth0", "addresses": [], "forwarding": None, "rp_filter": 0, "send_redirects": None}
     assert from_plain(ForwardingInterface, interface) == ForwardingInterface("eth0", rp_filter=0)
-    assert from_plain(Service, {"name": "sync", "unit": "u", "differing": None}).differing is None
+    assert from_plain(ServiceState, {"name": "sync", "unit": "u", "differing": None}).differing is None
     assert from_plain(Probe, {"talker": {"running": False, "error": "e"}}).talker == Talker(False, "e")
 
 

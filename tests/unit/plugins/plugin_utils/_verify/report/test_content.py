@@ -7,10 +7,10 @@ import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import RELAY
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Exchange,
+    NodeTraffic,
     RegisteredService,
     RegisteredTopic,
     SentTopic,
-    Traffic,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
 from reports import make_report
@@ -52,9 +52,9 @@ def test_the_traffic_is_summed_by_topic_and_robot():
             SentTopic("/eye2", "/image", "kobuki2", 1, 600.04, 6.0),
             SentTopic("/eye", "/image", "nobody", 1, 1e9, 1.0),
         )
-        fleets.update(seen[fleets.ONE].probe, traffic=Traffic(3.1, flows))
+        fleets.update(seen[fleets.ONE].probe, traffic=NodeTraffic(3.1, flows))
         fleets.update(
-            seen[fleets.TWO].probe, traffic=Traffic(2.9, (SentTopic("/eye", "/image", "kobuki1", 1, 5.0, 1.0),))
+            seen[fleets.TWO].probe, traffic=NodeTraffic(2.9, (SentTopic("/eye", "/image", "kobuki1", 1, 5.0, 1.0),))
         )
 
     assert make_report(fleets.plan(), change).document["traffic"] == {

@@ -12,9 +12,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    NodeTraffic,
     Ping,
     SentTopic,
-    Traffic,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.matrices import KINDS, MOST, Matrices
@@ -72,7 +72,7 @@ def test_text_of_strangers_stays_text():
     def change(seen):
         fleets.wall(seen)
         flow = SentTopic(EVIL, "/" + EVIL, "dabo", 1, 5000.0, 5.0)
-        fleets.update(seen["tibi-visio"].probe, traffic=Traffic(3.0, (flow,)))
+        fleets.update(seen["tibi-visio"].probe, traffic=NodeTraffic(3.0, (flow,)))
         for observation in seen.values():
             for member in observation.probe.members:
                 fleets.update(member, ping_address=Ping(error=EVIL))

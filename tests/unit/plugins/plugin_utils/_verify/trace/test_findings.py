@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagn
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import FilterChains
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
-    Capture,
+    CapturedPacket,
     SecondLook,
     SeenPackets,
     SentProbe,
@@ -61,7 +61,7 @@ def follow(fleet, seen, missed=()):
             }
             ends = ("request", probe.protocol, "192.0.2.1", probe.address)
             for place, outgoing in ((before, True), (after, False)):
-                captures[place].append(Capture("eth0", outgoing, *ends, **values, target_mac=mac(after)))
+                captures[place].append(CapturedPacket("eth0", outgoing, *ends, **values, target_mac=mac(after)))
             if after == GATE:
                 break
     for name in list_listeners(verification, probes):

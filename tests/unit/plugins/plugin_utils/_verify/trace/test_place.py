@@ -11,7 +11,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
-    Capture,
+    CapturedPacket,
     Counter,
     FollowedProbe,
     SecondLook,
@@ -39,7 +39,7 @@ def capture(outgoing, kind, mac="", probe=PING, **more):
     ends = ("10.0.1.1", "10.0.2.1") if kind != "answer" else ("10.0.2.1", "10.0.1.1")
     values = {"source_port": 4000, "port": probe.port, "number": number, "sequence": sequence, "ttl": 64, "length": 60}
     interface = more.pop("interface", "eth0")
-    return Capture(interface, outgoing, kind, probe.protocol, *ends, **{**values, "target_mac": mac, **more})
+    return CapturedPacket(interface, outgoing, kind, probe.protocol, *ends, **{**values, "target_mac": mac, **more})
 
 
 def cross(kind, hops, probe=PING, **more):
@@ -129,16 +129,16 @@ def test_a_strange_hardware_address_is_named_with_the_right_one():
 
 
 def test_a_question_without_an_answer_names_both_sides():
-    asked = Capture("eth0", True, "request", "arp", "10.0.1.1", "10.0.1.254")
+    asked = CapturedPacket("eth0", True, "request", "arp", "10.0.1.1", "10.0.1.254")
     found = find({"one": [asked], "gate": [], "two": []})
     assert where(found) == (Stage.ASKED, "one", "gate", False)
     assert suspects.name_place(found, "x").places == ("gate", "one")
-    answer = Capture("eth0", False, "answer", "arp", "10.0.1.254", "10.0.1.1")
+    answer = CapturedPacket("eth0", False, "answer", "arp", "10.0.1.254", "10.0.1.1")
     assert find({"one": [asked, answer], "gate": [], "two": []}).stage == Stage.SOURCE
 
 
 def test_a_question_of_another_program_is_none_of_the_probe():
-    asked = Capture("eth0", True, "request", "arp", "10.0.1.1", "10.0.1.77")
+    asked = CapturedPacket("eth0", True, "request", "arp", "10.0.1.1", "10.0.1.77")
     assert find({"one": [asked], "gate": [], "two": []}).stage == Stage.SOURCE
 
 
@@ -246,11 +246,11 @@ def test_containers_with_one_hardware_address_are_told_apart():
 def test_an_answer_at_another_interface_is_none():
     """The kernel takes it where it has asked: a bond with the answers at its inactive port does not."""
     asked = [
-        Capture(name, True, "request", "arp", "10.0.1.1", "10.0.1.254")
+        CapturedPacket(name, True, "request", "arp", "10.0.1.1", "10.0.1.254")
         for name in ("bond0", "eth0")  # each shows the question
     ]
     for name, stage in (("eth1", Stage.ASKED), ("eth0", Stage.ASKED), ("bond0", Stage.SOURCE)):
-        answer = Capture(name, False, "answer", "arp", "10.0.1.254", "10.0.1.1")
+        answer = CapturedPacket(name, False, "answer", "arp", "10.0.1.254", "10.0.1.1")
         assert find({"one": [*asked, answer], "gate": [], "two": []}).stage == stage
 
 
@@ -355,7 +355,7 @@ def test_the_last_hop_of_a_life_at_its_target_is_no_fault():
 
 
 HOSTILE = st.builds(
-    Capture,
+    CapturedPacket,
     st.sampled_from(["eth0", '"\u202e"']), st.booleans(), st.sampled_from(["request", "answer", "error", "x"]),
     st.sampled_from(["icmp", "tcp", "udp", "arp", "x"]), st.sampled_from([*ADDRESSES, "x"]), st.sampled_from([*ADDRESSES, "x"]),
     st.sampled_from([0, 4000]), st.sampled_from([0, 11611]), st.sampled_from([-1, 3]), st.sampled_from([0, 77]),
