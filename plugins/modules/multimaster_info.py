@@ -406,13 +406,17 @@ exports:
   elements: dict
   sample:
     - {file: /home/robot/.bashrc, line: 118, variable: ROS_MASTER_URI, value: 'http://localhost:11311', text: 'export
-          ROS_MASTER_URI=http://localhost:11311'}
+          ROS_MASTER_URI=http://localhost:11311', person: robot, shell: interactive}
   contains:
-    file: {description: The file., returned: always, type: str}
-    line: {description: The number of the line., returned: always, type: int}
+    file: {description: 'The file; empty where a shell has the variable, and no line was found.', returned: always, type: str}
+    line: {description: 'The number of the line, 0 where none was found.', returned: always, type: int}
     variable: {description: The variable., returned: always, type: str}
-    value: {description: 'What it is set to, as far as that is a plain word.', returned: always, type: str}
-    text: {description: The line., returned: always, type: str}
+    value: {description: 'What the shell of RV(exports[].person) has. Where none was asked, what the line sets, as far as
+          that is a plain word.', returned: always, type: str}
+    text: {description: 'The line, or what the shell has made of it.', returned: always, type: str}
+    person: {description: 'The person whose shell was asked, and has the value; empty where none was asked.', returned: always,
+        type: str}
+    shell: {description: 'V(interactive), V(login), or empty where no shell was asked.', returned: always, type: str}
 sshd:
   description: The ssh server.
   returned: with the part V(sshd)

@@ -148,11 +148,19 @@ class PortHolder(Struct):
 class ExportLine(Struct):
     """A line of somebody else that sets a variable of ROS for shells."""
 
-    file: str = field("The file.", "/home/robot/.bashrc")
-    line: int = field("The number of the line.", 118)
+    file: str = field("The file; empty where a shell has the variable, and no line was found.", "/home/robot/.bashrc")
+    line: int = field("The number of the line, 0 where none was found.", 118)
     variable: str = field("The variable.", "ROS_MASTER_URI")
-    value: str = field("What it is set to, as far as that is a plain word.", "http://localhost:11311")
-    text: str = field("The line.", "export ROS_MASTER_URI=http://localhost:11311")
+    value: str = field(
+        "What the shell of RV(exports[].person) has. Where none was asked, what the line sets, as far as that is a plain word.",
+        "http://localhost:11311",
+    )
+    text: str = field(
+        "The line, or what the shell has made of it.",
+        "export ROS_MASTER_URI=http://localhost:11311",
+    )
+    person: str = field("The person whose shell was asked, and has the value; empty where none was asked.", "robot")
+    shell: str = field("V(interactive), V(login), or empty where no shell was asked.", "interactive")
 
 
 class SetEnv(Struct):

@@ -18,12 +18,14 @@ from .._base.commands import BASE_PATH, Answer, find_nobody, run, text
 from .._base.deadlines import call_all
 from .._base.foreign import last_line
 from .._base.plain_text import plain
-from . import home_files, systemd
+from . import home_files, person_shells, systemd
+from .person_shells import Person
 
 Rows = typing.List[typing.Dict[str, typing.Any]]
 
 VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME")
 _OURS = ("/etc/profile.d/rosfleet-multimaster.sh", "/etc/environment.d/90-rosfleet-multimaster.conf")
+_OUR_HOOK = "1.rosfleet-multimaster.sh"  # of catkin, in whatever workspace
 OUR_DROP_IN = "/etc/ssh/sshd_config.d/rosfleet-multimaster.conf"
 
 # The files that shells and sessions read: of the system, and of each person.
@@ -60,38 +62,57 @@ _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 
 
 def exports(root: str = "/") -> Rows:
-    """Find older assignments of VARIABLES in the files that shells read.
+    """Find older assignments of VARIABLES in the files that shells read, and ask the shells of persons what comes of them.
 
     A person's files are read as that person, with a limit of time: so a link to a file of root's gives nothing away. Many
     persons are read at once, and a home folder on a dead network disk costs the files of nobody else.
     """
     under = os.path.join(root, "")
-    rows = [
-        dict(entry, file=path)
-        for path in _expand(under, _SYSTEM)
-        if path not in _OURS
-        for entry in assignments(text(under + path[1:]))
-    ]
-    persons = list(people(text(under + "etc/passwd")).items())
-    for files in call_all(lambda person: _read_as(person[1], person[0], under), persons, _READING, lambda person: []):
-        rows += [dict(entry, file=path) for path, content in files for entry in assignments(content)]
-    return rows
+    own = _list_personal(under)
+    said = {(row["file"], row["line"], row["variable"]) for row in own}
+    rows = [row for row in _list_system(under) if (row["file"], row["line"], row["variable"]) not in said] + own
+    return [dict({"person": "", "shell": ""}, **row) for row in rows]
+
+
+def _list_system(under: str) -> Rows:
+    paths = (path for path in _expand(under, _SYSTEM) if path not in _OURS)
+    return [dict(entry, file=path) for path in paths for entry in assignments(text(under + path[1:]))]
+
+
+def _list_personal(under: str) -> Rows:
+    """List what sets variables in the files of persons, and in their shells, of which some are asked."""
+    persons = list_persons(text(under + "etc/passwd"))
+    asked = [one for one in persons if under == "/" and person_shells.can_ask(one)][: person_shells.MOST_PERSONS]
+    planned = (_login() or {}) if asked else {}
+
+    def look(person: Person) -> Rows:
+        files = _read_as((person.uid, person.gid), person.home, under)
+        parsed = [dict(entry, file=path) for path, content in files for entry in assignments(content)]
+        answers = person_shells.ask(person, VARIABLES) if person in asked else {}
+        return person_shells.list_rows(person, answers, parsed, planned, _is_ours)
+
+    return [row for found in call_all(look, persons, _READING, lambda person: []) for row in found]
+
+
+def _is_ours(path: str) -> bool:
+    return path in _OURS or os.path.basename(path) == _OUR_HOOK
 
 
 def _expand(under: str, patterns: typing.Iterable[str]) -> typing.List[str]:
     return ["/" + path[len(under) :] for pattern in patterns for path in sorted(glob.glob(under + pattern[1:]))]
 
 
-def people(passwd: str) -> typing.Dict[str, typing.Tuple[int, int]]:
-    """Read {home folder: (uid, gid)} of root and the persons in the text of /etc/passwd, whose shells read files there."""
-    persons: typing.Dict[str, typing.Tuple[int, int]] = {}
+def list_persons(passwd: str) -> typing.List[Person]:
+    """List root and the persons in the text of /etc/passwd, whose shells read files in their home folders; of one folder the first."""
+    persons: typing.Dict[str, Person] = {}
     for line in passwd.splitlines():
         fields = line.split(":")
         if len(fields) != 7 or not (fields[2] + fields[3]).isdigit() or os.path.basename(fields[6]) in _NO_LOGIN:
             continue
         if (int(fields[2]) >= 1000 or fields[2] == "0") and os.path.isabs(fields[5]):
-            persons.setdefault(fields[5], (int(fields[2]), int(fields[3])))
-    return persons
+            one = Person(fields[0], int(fields[2]), int(fields[3]), fields[5], fields[6])
+            persons.setdefault(one.home, one)
+    return list(persons.values())
 
 
 def _read_as(user: typing.Tuple[int, int], home: str, under: str) -> typing.List[typing.Tuple[str, str]]:

@@ -542,9 +542,23 @@ def _check_exports(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]
     for export in info["exports"]:
         if plan.environment.get(export["variable"]) != export["value"].rstrip("/"):
             yield (
-                f"{plan.computer}: {quote(export['file'])}, line {export['line']} sets {quote(export['variable'])} ({quote(export['text'])}); expected "
+                f"{plan.computer}: {_describe_export(export)}; expected "
                 "that only the collection sets it: shells that read this file differ from the services; remove the line."
             )
+
+
+def _describe_export(export: Mapping[str, Any]) -> str:
+    """Say which line sets a variable, and what the shell that was asked makes of it."""
+    variable, person = quote(export["variable"]), export.get("person", "")
+    has = (
+        f"the {quote(export.get('shell', ''))} shell of {quote(person)} has {variable}={quote(export['value'])}"
+        if person
+        else ""
+    )
+    if not export["line"]:
+        return f"{has}, by a line that was not found"
+    line = f"{quote(export['file'])}, line {export['line']} sets {variable} ({quote(export['text'])})"
+    return f"{line}, and {has}" if has else line
 
 
 def _check_sshd(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:

@@ -21,6 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model i
     RobotNetwork,
     Setting,
 )
+from mentioned import mentions
 
 PLAN = {
     "computer": "kobuki1computer",
@@ -312,6 +313,21 @@ def test_an_older_export_is_named_with_file_and_line():
     found = compare(lambda info: info["exports"].append(export))
     assert found.problems == ()
     assert '/home/a/.bashrc, line 7 sets ROS_IP ("export ROS_IP=10.0.0.5")' in found.warnings[0]
+
+
+def test_what_a_shell_has_is_told_with_its_person_also_without_a_line():
+    export = {
+        "file": "/home/a/robot_env.sh",
+        "line": 2,
+        "variable": "ROS_IP",
+        "text": "export ROS_IP=$IP",
+        "value": "10.0.0.5",
+    }
+    asked = {**export, "person": "ann", "shell": "login"}
+    (found,) = compare(lambda info: info["exports"].append(asked)).warnings
+    assert mentions(found, "/home/a/robot_env.sh, line 2", "login", "ann", "ROS_IP=10.0.0.5")
+    (found,) = compare(lambda info: info["exports"].append({**asked, "file": "", "line": 0})).warnings
+    assert mentions(found, "login", "ann", "ROS_IP=10.0.0.5") and "line 0" not in found
 
 
 def test_an_export_of_the_planned_value_is_no_matter():

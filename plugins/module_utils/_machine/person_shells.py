@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""The variables that the shells of persons really have: each shell is asked, and a parser only finds the file and the line.
+
+A file may source others, call a function or build a value of several variables, so only the shell knows what comes out.
+"""
+
+import inspect
+import json
+import os
+import typing
+
+from .._base.commands import BASE_PATH, run
+from .._base.foreign import last_line
+from .._base.plain_text import plain
+from . import shell_program
+
+MOST_PERSONS = 8  # that are asked; the files of all are read
+_ASKING = 6.0  # seconds for a shell
+_LIMIT = 15.0  # for both shells of a person
+KINDS = {"interactive": ["-i"], "login": ["-l", "-i"]}  # a terminal of a desktop, and one by ssh
+
+#: shell -> the files that it reads, by their last names
+_OF_BASH = ("bash.bashrc", ".bashrc", "profile", ".profile", ".bash_profile", ".bash_login")
+_OF_ZSH = ("zshenv", "zshrc", ".zshenv", ".zshrc")
+_OF_SH = ("profile", ".profile")
+FILES = {"bash": _OF_BASH, "zsh": _OF_ZSH, "sh": _OF_SH, "dash": _OF_SH, "ksh": _OF_SH, "fish": ()}
+
+Row = typing.Dict[str, typing.Any]
+Values = typing.Dict[str, str]
+
+
+class Person(typing.NamedTuple):
+    """A person with an account on this computer."""
+
+    name: str
+    uid: int
+    gid: int
+    home: str
+    shell: str
+
+    @property
+    def kind(self) -> str:
+        """The kind of the shell, a key of FILES, or another word."""
+        return os.path.basename(self.shell)
+
+
+class Seen(typing.NamedTuple):
+    """The answer of a shell: the variables that it exports, and where each was set last, as far as it tells."""
+
+    values: Values
+    places: typing.Dict[str, typing.Tuple[str, int, str]]  # file, line, what was run there
+
+
+Answers = typing.Dict[str, Seen]  # kind of a shell -> its answer
+
+
+def can_ask(person: Person) -> bool:
+    """Return True if the shell of a person may be asked: never root's, and as that person alone."""
+    own = os.geteuid()
+    return person.kind in FILES and person.uid != 0 and own in (0, person.uid)
+
+
+def ask(person: Person, names: typing.Sequence[str]) -> Answers:
+    """Ask the shells of a person for the variables of these names; one that gives no answer is left out."""
+    question = json.dumps([person.shell, KINDS, person.home, list(names), _ASKING]).encode()
+    clean = {"PATH": BASE_PATH, "LANG": "C.UTF-8", "USER": person.name, "LOGNAME": person.name}
+    program = ["/usr/bin/python3", "-I", "-c", inspect.getsource(shell_program)]
+    answer = run(program, clean, _LIMIT, question, (person.uid, person.gid))
+    try:  # the person could change the process, and its answer
+        told = last_line(answer.output)
+        return {kind: _read(told[kind], names) for kind in KINDS if told[kind] is not None}
+    except (TypeError, ValueError, LookupError, AttributeError, RecursionError):
+        return {}
+
+
+def _read(told: typing.Any, names: typing.Sequence[str]) -> Seen:
+    """Read the answer of a shell. Raises TypeError, ValueError, LookupError or AttributeError for anything else."""
+    values, places = told
+    return Seen(
+        {name: str(values[name]) for name in names if name in values},
+        {name: (plain(str(file)), int(line), str(words)) for name, (file, line, words) in sorted(places.items())},
+    )
+
+
+def list_rows(
+    person: Person, answers: Answers, parsed: typing.Sequence[Row], planned: Values, ours: typing.Callable[[str], bool]
+) -> typing.List[Row]:
+    """List what sets variables in the shells of a person: what they have said, and of other programs what was `parsed` in files.
+
+    `planned`: what a shell has without files of a person. `ours`: tells a file of the collection.
+    """
+    if not answers:
+        return list(parsed)
+    own = FILES[person.kind]
+    rows = [row for row in parsed if os.path.basename(row["file"]) not in own]
+    for kind, seen in sorted(answers.items()):
+        for name, value in sorted(seen.values.items()):
+            place = seen.places.get(name) or _find_line(parsed, own, name)
+            if (place and ours(place[0])) or (not place and value == planned.get(name)):
+                continue
+            file, line, text = place or ("", 0, "")
+            row = {"file": file, "line": line, "variable": name, "value": _spell(value), "text": _spell(text)}
+            row.update(person=plain(person.name), shell=kind)
+            if all(dict(other, shell=kind) != row for other in rows):  # the other shell said the same
+                rows.append(row)
+    return rows
+
+
+def _spell(text: str) -> str:
+    """Spell a text for people. A carriage return at its end is what is wrong with a file of another system."""
+    return plain(text.replace("\r", "\\r"))
+
+
+def _find_line(
+    parsed: typing.Sequence[Row], own: typing.Sequence[str], name: str
+) -> typing.Optional[typing.Tuple[str, int, str]]:
+    """Find the last line in files of the shell that assigns a variable."""
+    lines = [row for row in parsed if row["variable"] == name and os.path.basename(row["file"]) in own]
+    return (lines[-1]["file"], lines[-1]["line"], lines[-1]["text"]) if lines else None

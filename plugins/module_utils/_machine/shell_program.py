@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: BSD-2-Clause
+
+"""A program that asks the shell of a person for variables. A process of that person runs this source alone.
+
+The shell has no terminal, no input, an output that nobody reads, and a few seconds. What its files start in the background ends with it.
+"""
+
+import ctypes
+import json
+import os
+import re
+import selectors
+import signal
+import subprocess
+import sys
+import time
+
+MOST = 1 << 20  # bytes of an environment
+LONGEST = 500  # characters of a value or a line
+MARK = "\x1f"
+SUBREAPER = 36  # prctl(2): processes that lose their parent become ours
+ASK = "exec /usr/bin/env -0 >&{0}"
+
+
+def ask(shell, options, home, names, seconds):
+    """Return (values, places): the variables that the shell exports, and (file, line, text) of what has set each last; None without an answer."""
+    (out, told), (trace, traced) = os.pipe(), os.pipe()
+    variables = dict(os.environ, HOME=home, SHELL=shell, TERM="dumb", HISTFILE="/dev/null")
+    traces = os.path.basename(shell) == "bash"
+    if traces:  # bash tells of each command where it stands
+        variables.update(PS4="+" + MARK + "${BASH_SOURCE[0]}" + MARK + "${LINENO}" + MARK, BASH_XTRACEFD=str(traced))
+    command = [shell] + (["-x"] if traces else []) + options + ["-c", ASK.format(told)]
+    nothing = subprocess.DEVNULL
+    try:
+        process = subprocess.Popen(
+            command,
+            env=variables,
+            cwd=home,
+            stdin=nothing,
+            stdout=nothing,
+            stderr=nothing,
+            pass_fds=(told, traced),
+            start_new_session=True,
+        )
+    except (OSError, ValueError):
+        return None
+    finally:
+        os.close(told)
+        os.close(traced)
+    places = Places(names, home)
+    output = read_both(out, trace, places, time.monotonic() + seconds)
+    end_all(process)
+    if not output.endswith(b"\0"):
+        return None
+    pairs = (entry.partition("=") for entry in output.decode("utf-8", "replace").split("\0"))
+    values = {name: value[:LONGEST] for name, equals, value in pairs if equals and name in names}
+    return values, {name: place for name, place in places.last.items() if name in values}
+
+
+def read_both(out, trace, places, deadline):
+    """Read the answer of a shell until it ends, or is too long, and its trace beside it, until the deadline."""
+    output, rest, waited = b"", b"", selectors.DefaultSelector()
+    for pipe in (out, trace):
+        waited.register(pipe, selectors.EVENT_READ)
+    while out in [key.fd for key in waited.get_map().values()] and len(output) < MOST:
+        ready = waited.select(max(0.0, deadline - time.monotonic()))
+        if not ready:
+            break
+        for key, _events in ready:
+            data = os.read(key.fd, 65536)
+            if not data:
+                waited.unregister(key.fd)
+            elif key.fd == out:
+                output += data
+            else:
+                lines = (rest + data).split(b"\n")
+                rest = lines.pop()[-4 * LONGEST :]
+                places.look(lines)
+    places.look([rest])
+    for pipe in (out, trace):
+        os.close(pipe)
+    return output
+
+
+class Places:
+    """The places where variables were set last, as the trace of bash tells them."""
+
+    def __init__(self, names, home):
+        self.last, self.home = {}, home
+        name = "|".join(names)
+        self.assigns = re.compile(r"(?:(?:export|declare|typeset|readonly) .*?)?(?:^|\s)\$?'?(" + name + ")=")
+
+    def look(self, lines):
+        """Look at lines of the trace."""
+        for line in lines:
+            if b"ROS_" not in line or len(line) > 4 * LONGEST:
+                continue
+            plus, _mark, rest = line.decode("utf-8", "replace").partition(MARK)
+            file, _mark, rest = rest.partition(MARK)
+            number, _mark, words = rest.partition(MARK)
+            found = self.assigns.match(words)
+            if found and file and number.isdigit() and not plus.strip("+"):
+                self.last[found.group(1)] = (os.path.join(self.home, file)[:LONGEST], int(number), words[:LONGEST])
+
+
+def end_all(process):
+    """End the shell, its group, and whatever it has started that is ours now."""
+    for _round in range(50):
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except OSError:
+            pass
+        children = list_children()
+        for pid in children:
+            try:
+                os.kill(pid, signal.SIGKILL)
+                os.waitpid(pid, 0)
+            except OSError:
+                pass
+        if not children:
+            return
+
+
+def list_children():
+    """List the processes whose parent is this one (proc(5))."""
+    found = []
+    for name in os.listdir("/proc"):
+        try:
+            with open("/proc/" + name + "/stat") as stream:
+                words = stream.read(4096).rpartition(")")[2].split()
+        except (OSError, UnicodeError):
+            continue
+        if name.isdigit() and len(words) > 1 and words[1] == str(os.getpid()):
+            found.append(int(name))
+    return found
+
+
+def answer(shell, kinds, home, names, seconds):
+    """Ask a shell in each of its kinds, each within so many seconds: {kind: answer, or None}. Never as root."""
+    if 0 in (os.getuid(), os.geteuid()):
+        return {}
+    ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
+    return {kind: ask(shell, options, home, names, seconds) for kind, options in sorted(kinds.items())}
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(answer(*json.load(sys.stdin))) + "\n")
