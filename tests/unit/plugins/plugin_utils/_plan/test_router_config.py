@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Configuration for routers and gateways of other makes: golden files, and each dialect as its device reads it.
+"""Configuration for routers and gateways of other makes: golden files, and what a shell, the kernel and uci make of them.
 
 The files in golden/router_config are written anew by UPDATE_GOLDEN=1 pytest tests/unit/plugins/plugin_utils/_plan/test_router_config.py
 """
@@ -12,7 +12,6 @@ import json
 import os
 import pathlib
 import re
-import shlex
 import shutil
 import subprocess
 
@@ -63,16 +62,6 @@ def routes_of(device):
     return {network: gateway for network, gateway in ROUTES.items() if network != OWN[device]}
 
 
-def peers_of(device):
-    """The networks towards which the device translates nothing."""
-    return set(ROUTES) if device == "router" else {"192.168.1.0/24", *ROUTES} - {OWN[device]}
-
-
-def body(path):
-    """The lines that are no comment."""
-    return [line for line in FILES[path].splitlines() if line.strip() and line[0] not in "#!"]
-
-
 DEVICES = pytest.mark.parametrize("device", OWN)
 
 
@@ -85,20 +74,6 @@ def test_golden_files():
     assert set(FILES) == set(golden)
     for path, content in FILES.items():
         assert content == golden[path], path
-
-
-@pytest.mark.parametrize("path", FILES)
-def test_every_file_says_what_it_is(path):
-    device, file = path.split("/")
-    name = file.partition(".")[0]
-    assert file == f"{name}.{'remove.' if '.remove.' in file else ''}{router_config_module.DIALECTS[name].suffix}"
-    head = "\n".join(line for line in FILES[path].splitlines() if line[0] in "#!")
-    assert "rosfleet.multimaster" in head and router_config_module.DIALECTS[name].title in head
-    assert ("router of the common network" if device == "router" else "gateway of dabo") in head
-    if ".remove." not in file:
-        assert f"{name}.remove." in head
-        for network, gateway in routes_of(device).items():
-            assert f"{network} by {gateway}" in head
 
 
 # The shell: OpenWrt and Linux.
@@ -181,23 +156,6 @@ def sections(path):
 
 
 @DEVICES
-def test_openwrt(device):
-    uci = sections(f"{device}/openwrt.sh")
-    interface = "lan" if device == "router" else "wan"
-    routes = list(uci["network"].values())
-    assert {route["target"]: route["gateway"] for route in routes} == routes_of(device)
-    assert all((route[""], route["interface"], len(route)) == ("route", interface, 4) for route in routes)
-    nat = [section for section in uci["firewall"].values() if section[""] == "nat"]
-    assert {section["dest_ip"] for section in nat} == peers_of(device)
-    assert {(section["src"], section["proto"], section["target"]) for section in nat} == {("*", "all", "ACCEPT")}
-    rules = [section for section in uci["firewall"].values() if section[""] == "rule"]
-    if device == "router":
-        assert rules == []
-    else:
-        assert [(rule["dest_ip"], set(rule["src_ip"])) for rule in rules] == [(OWN[device], peers_of(device))]
-
-
-@DEVICES
 @pytest.mark.parametrize("file", ["openwrt.sh", "openwrt.remove.sh"])
 def test_openwrt_first_forgets_its_own_sections_and_no_other(device, file, tmp_path):
     """Run with a stand-in for uci that shows the sections there and notes what is deleted."""
@@ -214,114 +172,6 @@ def test_openwrt_first_forgets_its_own_sections_and_no_other(device, file, tmp_p
     environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
     subprocess.run(["sh", "-eu"], input=loop, text=True, env=environment, check=True)
     assert (tmp_path / "deleted").read_text().splitlines() == names
-
-
-# RouterOS.
-
-KNOWN = {
-    "/ip route add": {"dst-address", "gateway", "comment"},
-    "/ip firewall address-list add": {"list", "address", "comment"},
-    "/ip firewall raw add": {"chain", "action", "src-address-list", "dst-address-list", "dst-address-type", "comment"},
-    "/ip settings set": {"send-redirects"},
-}
-
-
-def commands(path):
-    """The commands of a file: menu and verb -> their properties."""
-    found = {}
-    for line in body(path):
-        words = shlex.split(line)
-        if "remove" not in words:
-            number = next(index for index, word in enumerate(words) if "=" in word)
-            menu, values = " ".join(words[:number]), dict(word.split("=", 1) for word in words[number:])
-            assert set(values) == KNOWN[menu], line
-            found.setdefault(menu, []).append(values)
-    return found
-
-
-@DEVICES
-def test_routeros(device):
-    found = commands(f"{device}/routeros.rsc")
-    routes = found["/ip route add"]
-    assert {route["dst-address"]: route["gateway"] for route in routes} == routes_of(device)
-    addresses = found["/ip firewall address-list add"]
-    assert {entry["address"] for entry in addresses} == {"192.168.1.0/24", *ROUTES}
-    assert {entry["list"] for entry in addresses} == {"rosfleet"}
-    (raw,) = found["/ip firewall raw add"]
-    assert (raw["chain"], raw["action"], raw["dst-address-type"]) == ("prerouting", "notrack", "!local")
-    assert found.get("/ip settings set") == ([{"send-redirects": "no"}] if device == "router" else None)
-
-
-@DEVICES
-@pytest.mark.parametrize("file", ["routeros.rsc", "routeros.remove.rsc"])
-def test_routeros_first_forgets_its_own(device, file):
-    lines = [line for line in body(f"{device}/{file}") if " remove " in line]
-    assert [line.split(" remove ")[0] for line in lines] == [
-        "/ip route",
-        "/ip firewall raw",
-        "/ip firewall address-list",
-    ]
-    added = commands(f"{device}/routeros.rsc")
-    for line in lines:
-        menu, what = line.split(" remove ")
-        (name, operator, value) = re.fullmatch(r"\[find (\w+)([=~])\"?([^\"]*)\"?\]", what).groups()
-        for entry in added[f"{menu} add"]:
-            assert entry[name] == value if operator == "=" else re.search(value, entry[name])
-
-
-# VyOS and EdgeOS.
-
-VYATTA = {
-    "vyos": ("nat source rule 5", "outbound-interface name eth0", "firewall global-options send-redirects"),
-    "edgeos": ("service nat rule 5001", "outbound-interface eth0", "firewall send-redirects"),
-}
-
-
-@DEVICES
-@pytest.mark.parametrize("name", VYATTA)
-def test_vyatta(device, name):
-    nat, outbound, redirects = VYATTA[name]
-    add, remove = body(f"{device}/{name}.txt"), body(f"{device}/{name}.remove.txt")
-    for lines in add, remove:
-        assert lines[:2] == ["configure", "delete firewall group network-group ROSFLEET"]
-        assert lines[-3:] == ["commit", "save", "exit"]
-    routes = [f"protocols static route {network} next-hop {gateway}" for network, gateway in routes_of(device).items()]
-    members = [f"firewall group network-group ROSFLEET network {network}" for network in peers_of(device)]
-    rule = [
-        "destination group network-group ROSFLEET",
-        "description 'No translation towards robots'",
-        "exclude",
-        outbound,
-    ]
-    rule += ["type masquerade"] if name == "edgeos" else []
-    off = [f"{redirects} disable"] if device == "router" else []
-    wanted = [*routes, *members, *(f"{nat} {line}" for line in rule), *off]
-    assert sorted(add[2:-3]) == sorted(f"set {line}" for line in wanted)
-    back = [f"set {redirects} enable"] if device == "router" else []
-    assert sorted(remove[2:-3]) == sorted([*(f"delete {line}" for line in routes), f"delete {nat}", *back])
-
-
-# Cisco IOS; tests/systems has FRR read it.
-
-
-@DEVICES
-def test_ios(device):
-    def split(path):
-        lines = body(path)
-        routes = [line.replace("no ", "").split()[2:] for line in lines if "ip route" in line]
-        found = {str(ipaddress.ip_network(f"{address}/{mask}")): gateway for address, mask, gateway in routes}
-        return found, [line for line in lines if "ip route" not in line]
-
-    added, rest = split(f"{device}/ios.txt")
-    removed, rest_of_remove = split(f"{device}/ios.remove.txt")
-    assert added == removed == routes_of(device)
-    off, on = (
-        (["interface GigabitEthernet0/0", f" {command}", "exit"] for command in ("no ip redirects", "ip redirects"))
-        if device == "router"
-        else ([], [])
-    )
-    assert (rest, rest_of_remove) == ([*off, "end"], [*on, "end"])
-    assert all(line.startswith("no ip route") for line in body(f"{device}/ios.remove.txt") if "ip route" in line)
 
 
 # What is asked for.
