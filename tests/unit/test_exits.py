@@ -19,7 +19,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_t
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import number_problems
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import (
+    DiagnosticEntry,
+    Finding,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import Judgement
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
@@ -181,7 +184,7 @@ def through_a_difference(text):
 def through_the_report(text):
     row = Row("names", "robot1", "robot2", FAILED, text, text)
     part, rival = Part("registration", "robot1", "ghost", text), Part("messages", "robot2", "differ", text)
-    diagnosis = Diagnosis((Finding(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
+    diagnosis = DiagnosticEntry((Finding(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
     summary = summarise([row], ["robot1", "robot2"], 2)
     shown = plain_lines(terminal.render(summary, diagnosis))
     return [
@@ -196,7 +199,7 @@ def through_preflight(text):
 
 def through_the_log(text):
     stream = io.StringIO(newline="")
-    handler = journal.Handler(stream)
+    handler = journal.LineHandler(stream)
     handler.setFormatter(journal.Format())
     handler.handle(logging.LogRecord("rosfleet", logging.WARNING, "", 1, "it says %s", (text,), None))
     lines = stream.getvalue().split("\n")
@@ -229,7 +232,7 @@ def through_diagnostics(text):
     with patch.dict(sys.modules, modules), patch.dict("os.environ"):
         sys.modules.pop("rosfleet_multimaster.edge.ros", None)
         from rosfleet_multimaster.edge import ros
-        from rosfleet_multimaster.protocol.messages import Diagnosis
+        from rosfleet_multimaster.protocol.messages import DiagnosticEntry
 
         ros.hostname = lambda: "robot1"
         said = []
@@ -237,7 +240,7 @@ def through_diagnostics(text):
         messages = ros.diagnostic_classes.messages.return_value
         messages.DiagnosticStatus = lambda **fields: said.append(fields)
         messages.KeyValue = lambda *pair: said.append(pair)
-        ros.Diagnostics().publish([Diagnosis(text, text, [(text, text)])], 1.0, "robot")
+        ros.Diagnostics().publish([DiagnosticEntry(text, text, [(text, text)])], 1.0, "robot")
         sys.modules.pop("rosfleet_multimaster.edge.ros", None)
         del sys.modules["rosfleet_multimaster.edge"].ros  # made of what is no ROS, and of no use to other tests
     return list(texts(said))

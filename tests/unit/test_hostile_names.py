@@ -184,7 +184,7 @@ def of_a_part(name, there):
 
 def refused_by_nodes(name, _there):
     """The nodes: a name that another robot has in use."""
-    item = sync.Refusal("node", name, "kobuki2", f"http://{name}", name)
+    item = sync.RegistrationConflict("node", name, "kobuki2", f"http://{name}", name)
     return " | ".join(
         [report.describe_refusal(item), report.describe_refusal_end(item), *_entries(report.diagnoses([item]))]
     )

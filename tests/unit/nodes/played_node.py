@@ -67,9 +67,9 @@ class SyncNode:
 
 
 def list_masters(_service):
-    from rosfleet_multimaster.protocol.messages import Master
+    from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 
-    return [Master(*fields) for fields in xmlrpc.client.ServerProxy(os.environ["DISCOVERY"]).list()]
+    return [AnnouncedMaster(*fields) for fields in xmlrpc.client.ServerProxy(os.environ["DISCOVERY"]).list()]
 
 
 def play_rospy():

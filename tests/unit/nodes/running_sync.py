@@ -13,7 +13,7 @@ from functools import partial
 import rosfleet_multimaster
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.edge.rpc_server import RefusedCall, RpcServer
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 
 DISCOVERY, SYNC = "/master_discovery", "/master_sync"
 
@@ -117,7 +117,7 @@ class Other:
         return [stamp, stamp, self.uri, "robot2", *tables, [], [[t, k] for t, k in self.types.items()], rows, []]
 
     def announced(self, online=True):
-        return Master("robot2", self.uri, self.monitor_uri, DISCOVERY, self.stamp, self.stamp, online)
+        return AnnouncedMaster("robot2", self.uri, self.monitor_uri, DISCOVERY, self.stamp, self.stamp, online)
 
 
 class SyncNode:
@@ -207,7 +207,7 @@ class Lab:
     def own(self, method, *arguments):
         """Let an own node do something; the discovery of this robot says that something has changed."""
         self.roscore.call(method, *arguments)
-        self.changed(Master("robot1", self.roscore.uri, "", "", time.monotonic(), time.monotonic(), True))
+        self.changed(AnnouncedMaster("robot1", self.roscore.uri, "", "", time.monotonic(), time.monotonic(), True))
 
     def changed(self, master):
         self.nodes[0].callback("changed", master)

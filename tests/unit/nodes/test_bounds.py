@@ -25,7 +25,7 @@ from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process.throttle import Throttle
 from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import RpcServer, callers
-from rosfleet_multimaster.protocol.graph import Policy, State, build
+from rosfleet_multimaster.protocol.graph import ExportPolicy, State, build
 from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.plain_text import is_plain
@@ -157,7 +157,7 @@ class Server:
     def __init__(self, who=rpc_server.EVERYBODY, host="127.0.0.1"):
         self.malformed, self.running = [], Running()
         own = ServedMaster("http://own:11311/", "own", "/master_discovery", lambda: "own", 11611, STATE, "")
-        served = RpcMethods(own, Policy(), {}, lambda address: False, lambda: None, str, list)
+        served = RpcMethods(own, ExportPolicy(), {}, lambda address: False, lambda: None, str, list)
         methods = {**served.methods(), "big": lambda: ["x" * 1000] * 20000}
         self.server = RpcServer(host, 0, methods, lambda host, why: self.malformed.append(why), who)
         self.port = self.server.server_address[1]

@@ -13,7 +13,7 @@ import urllib.request
 import xmlrpc.client
 
 import pytest
-from rosfleet_multimaster.discovery.core.actions import Ask, Event, Say, Send
+from rosfleet_multimaster.discovery.core.actions import Ask, MasterEvent, Say, Send
 from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.pace import SAMPLES, SLOWEST, PollPace
 from rosfleet_multimaster.discovery.core.peer import Contact
@@ -22,7 +22,7 @@ from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import PerCaller, RefusedCall, RpcServer
 from rosfleet_multimaster.protocol.filters import NAMES, Filters, InvalidPattern
 from rosfleet_multimaster.protocol.graph import (
-    Policy,
+    ExportPolicy,
     State,
     add_stamps,
     build,
@@ -32,7 +32,7 @@ from rosfleet_multimaster.protocol.graph import (
     stamp_text,
 )
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 from rosfleet_multimaster.protocol.parameters import DISCOVERY, ParameterError, Settings, overlay
 from rosfleet_multimaster.protocol.wire_filters import read_rules, write_rules
 from virtual_time import Robot, World
@@ -40,7 +40,7 @@ from virtual_time import Robot, World
 NODES = pathlib.Path(__file__).parents[3] / "roles/nodes/files/python"
 HERE, THERE = "192.168.1.229", "192.168.1.239"
 URI = "http://robot1:11311/"
-OWN = Master("robot1", URI, f"http://{HERE}:11611", "/master_discovery", 1000.0, 1000.0, True)
+OWN = AnnouncedMaster("robot1", URI, f"http://{HERE}:11611", "/master_discovery", 1000.0, 1000.0, True)
 PEER, KEY = (THERE, 11511), (THERE, 11511, 11611)
 CONTACT = Contact(2000.0, "http://robot2:11311/", "robot2", "/master_discovery")
 
@@ -102,7 +102,7 @@ STATE = add_stamps(state(), None, 1700000000.123456)
 
 def told(caller, **parameters):
     values, _warnings = overlay(DISCOVERY, parameters)
-    return document(*Policy.from_parameters(values).view(STATE, caller))
+    return document(*ExportPolicy.from_parameters(values).view(STATE, caller))
 
 
 # 16.A
@@ -177,7 +177,7 @@ def test_16_a4_leave_on_shutdown_and_of_others():
     made.datagram(beat(kind=Kind.LEAVE), PEER, True, 12.0)
     made.tick(12.2)
     made.take_contact(KEY, None, "Connection refused", 12.2, gone=True)
-    assert [event.change for event in take(made, Event)] == ["removed"]
+    assert [event.change for event in take(made, MasterEvent)] == ["removed"]
 
 
 def test_16_a4_versions_2_and_3_are_accepted_and_no_others():
@@ -195,12 +195,12 @@ def test_16_a5_the_own_master_is_listed_and_announced():
     made = core()
     made.take_own_state(OWN, 0.0)
     assert made.view.masters() == [OWN]
-    assert take(made, Event) == [Event("new", OWN)]
+    assert take(made, MasterEvent) == [MasterEvent("new", OWN)]
 
 
 def test_16_a6_stamps_are_the_same_double_everywhere():
     made = core()
-    made.take_own_state(Master("robot1", URI, "http://x:1", "/d", STATE.stamp, STATE.local_stamp, True), 0.0)
+    made.take_own_state(AnnouncedMaster("robot1", URI, "http://x:1", "/d", STATE.stamp, STATE.local_stamp, True), 0.0)
     record = decode(take(made, Send)[0].datagram)
     info = document(STATE)
     assert record.stamp.seconds == float(info[0]) == float(stamp_text(STATE.stamp)) == STATE.stamp
@@ -304,7 +304,7 @@ def test_15_2_who_had_no_state_or_did_not_answer_is_asked_again(answer):
             made.take_contact(action.key, answer, "timed out", now)
     made.tick(now + 6.0)
     made.take_contact(KEY, CONTACT, "", now + 6.0)
-    assert len(asked) == 3 and [event.change for event in take(made, Event)] == ["new"]
+    assert len(asked) == 3 and [event.change for event in take(made, MasterEvent)] == ["new"]
 
 
 @pytest.mark.parametrize("filters", [None, [], [False, "("], [False, None, *[""] * 9]])
@@ -334,7 +334,7 @@ def test_15_9_a_leave_from_one_address_keeps_a_master_at_another():
     made.datagram(beat(kind=Kind.LEAVE), PEER, True, 11.0)
     made.tick(11.5)
     made.take_contact(KEY, None, "Connection refused", 11.5, gone=True)
-    assert [event.change for event in take(made, Event)] == ["changed"]
+    assert [event.change for event in take(made, MasterEvent)] == ["changed"]
     assert [master.monitor_uri for master in made.view.masters()] == [OWN.monitor_uri, "http://10.0.0.2:11611"]
 
 
@@ -346,7 +346,9 @@ def test_15_10_a_clock_step_ends_nothing_and_changes_give_stamps(step):
     assert first.local_stamp != second.local_stamp != third.local_stamp
     made = running()
     for found in (first, second, third):
-        made.take_own_state(Master("robot1", URI, "http://x:1", "/d", found.stamp, found.local_stamp, True), 20.0)
+        made.take_own_state(
+            AnnouncedMaster("robot1", URI, "http://x:1", "/d", found.stamp, found.local_stamp, True), 20.0
+        )
         record = decode(take(made, Send)[0].datagram)
         assert record.stamp.seconds == float(document(found)[0]) == float(stamp_text(found.stamp))
         assert record.local_stamp.seconds == float(document(found)[1])
@@ -394,7 +396,7 @@ def test_15_12_the_pace_of_looks_is_a_parameter_that_stays():
 def test_15_17_a_dead_roscore_is_offline_and_its_state_is_kept():
     made = running(heartbeat_hz=1.0)
     assert made.note_silent_roscore(20.0, 21.5)
-    assert [(event.change, event.master.online) for event in take(made, Event)] == [("changed", False)]
+    assert [(event.change, event.master.online) for event in take(made, MasterEvent)] == [("changed", False)]
     for now in (22.0, 23.0, 24.0):
         made.tick(now)
         made.datagram(beat(kind=Kind.REQUEST), PEER, True, now)
@@ -454,7 +456,7 @@ def test_exports_are_by_address_and_only_of_own_nodes():
 
 def test_exports_hold_for_the_types_too():
     values, _warnings = overlay(DISCOVERY, {"exports": [{"to": [THERE], "topics": ["/chatter"]}]})
-    policy = Policy.from_parameters(values)
+    policy = ExportPolicy.from_parameters(values)
     assert local_types(*policy.view(STATE, THERE)) == {"std_msgs/String"}
     assert local_types(*policy.view(STATE, "10.0.0.9")) == set()
 
@@ -500,7 +502,7 @@ def test_wrong_exports_are_a_sentence(exports, words):
 
 def test_a_filter_of_the_importing_side_comes_on_top():
     values, _warnings = overlay(DISCOVERY, {"exports": [{"to": ["*"], "topics": ["*"], "services": ["*"]}]})
-    view, rules = Policy.from_parameters(values).view(STATE, THERE)
+    view, rules = ExportPolicy.from_parameters(values).view(STATE, THERE)
     wanted = Filters({"sync_topics": ["/secret"]}).rules("robot1")
     assert names(document(view, [*rules, read_rules(write_rules(wanted, False))])) == ["/secret"]
     assert len(write_rules(wanted, False)) == 1 + len(NAMES) and isinstance(view, State)

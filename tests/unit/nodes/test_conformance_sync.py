@@ -20,7 +20,7 @@ from rosfleet_multimaster.protocol import parameters
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.imports import IMPORTS
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 from rosfleet_multimaster.sync.core.sync import MISSING, NEVER, Sync
 from running_sync import DISCOVERY, SYNC, Lab, serve, until
 
@@ -209,7 +209,7 @@ def sync(**values):
 
 def fetched(core, publishers):
     nodes = {"/talker": Node("http://robot2:40000/", R2, "local")}
-    core.take_announcement(Master("robot2", R2, "http://robot2:11611", DISCOVERY, 1.0, 1.0, True), 0.0)
+    core.take_announcement(AnnouncedMaster("robot2", R2, "http://robot2:11611", DISCOVERY, 1.0, 1.0, True), 0.0)
     (fetch,) = core.due(1.0)
     state = State(R2, "robot2", 1.0, 1.0, publishers, types=dict.fromkeys(publishers, "a/B"), nodes=nodes)
     assert core.take_fetch(fetch, state, 1.0)
@@ -219,7 +219,7 @@ def fetched(core, publishers):
 def test_15_9_masters_of_one_name_do_not_take_each_other_away():
     core = fetched(sync(), {"/chatter": ("/talker",)})
     core.take_announcement(
-        Master("robot2", "http://robot2b:11311/", "http://robot2b:11611", DISCOVERY, 1.0, 1.0, True), 2.0
+        AnnouncedMaster("robot2", "http://robot2b:11311/", "http://robot2b:11611", DISCOVERY, 1.0, 1.0, True), 2.0
     )
     core.remove("http://robot2b:11311/")
     assert core.candidates(3.0)

@@ -12,7 +12,7 @@ import pytest
 from drawn import drawn
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from rosfleet_multimaster.discovery.core.actions import Ask, Event
+from rosfleet_multimaster.discovery.core.actions import Ask, MasterEvent
 from rosfleet_multimaster.discovery.core.announcements import MAX_ANSWERED
 from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.newcomers import MAX_ASKED, MAX_NEWCOMERS
@@ -20,7 +20,7 @@ from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.protocol.filters import Filters, InvalidPattern, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import InvalidDocument, State, add_stamps, build, document, parse, users_of
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
-from rosfleet_multimaster.protocol.messages import Master, View
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster, View
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.protocol.wire_filters import read_pattern, read_rules, write_rules
 from rosfleet_multimaster.sync.core.sync import Candidate, calls, plan, select
@@ -30,7 +30,9 @@ slow = settings(
 )
 
 OWN_ADDRESS, PEER_ADDRESS, PORT, RPC = "192.168.1.229", "192.168.1.239", 11511, 11611
-OWN = Master("own", "http://own:11311/", f"http://{OWN_ADDRESS}:{RPC}", "/master_discovery", 1000.0, 1000.0, True)
+OWN = AnnouncedMaster(
+    "own", "http://own:11311/", f"http://{OWN_ADDRESS}:{RPC}", "/master_discovery", 1000.0, 1000.0, True
+)
 PEER = Contact(2000.0, "http://peer:11311/", "peer", "/master_discovery")
 BEAT = encode(Heartbeat(Kind.STATE, RPC, 1.0, Stamp(2000), Stamp(2000)))
 
@@ -83,7 +85,7 @@ class Bystander:
         assert len(self.core.actions) <= 2 * MAX_ASKED + 8 + 2 * len(self.core.peers.table)
         while self.core.actions:
             action = self.core.actions.popleft()
-            if isinstance(action, Event):
+            if isinstance(action, MasterEvent):
                 self.events.append(action)
             elif isinstance(action, Ask):
                 self.asked.append((self.now + (0.01 if action.monitor_uri in self.contacts else 2.0), action))

@@ -9,18 +9,18 @@ from fleet_of_one import ROUTER, TIBI, URI
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mentioned import mentions
-from rosfleet_multimaster.discovery.core.actions import Ask, Event, Say, Send
+from rosfleet_multimaster.discovery.core.actions import Ask, MasterEvent, Say, Send
 from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.peer import Contact
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import State
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode
 from rosfleet_multimaster.protocol.members import Members, Networks
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 from rosfleet_multimaster.protocol.parameters import Settings
 from rosfleet_multimaster.sync.core.sync import Sync
 
-OWN = Master("own", "http://own:11311/", "http://192.168.1.202:11611", "/master_discovery", 1.0, 1.0, True)
+OWN = AnnouncedMaster("own", "http://own:11311/", "http://192.168.1.202:11611", "/master_discovery", 1.0, 1.0, True)
 ADDRESS, ROGUE = "192.168.1.201", "192.168.1.66"
 KNOWN = Contact(5.0, URI, "tibi-visio", "/master_discovery")
 ADDRESSES = [ADDRESS, ROGUE, "192.168.1.67", "192.168.1.202", "127.0.0.1", "8.8.8.8", "192.168.11.102", "192.168.1.1"]
@@ -70,7 +70,7 @@ class Fleet:
                 answer = KNOWN if there else None if action.key[0] == ADDRESS else self.answer
                 gone = answer is None and self.closed
                 self.core.take_contact(action.key, answer, "timed out", self.now, gone=gone)
-            elif isinstance(action, Event):
+            elif isinstance(action, MasterEvent):
                 self.events.append((self.now, action.change, action.master))
             elif isinstance(action, Say):
                 self.said.append(action.text)
@@ -173,7 +173,7 @@ def test_an_address_that_somebody_invents_is_asked_twice(members, closed):
 
 
 def announced(stamp, name="tibi-visio", uri=URI, address=ADDRESS):
-    return Master(name, uri, f"http://{address}:11611", "/master_discovery", stamp, stamp, True)
+    return AnnouncedMaster(name, uri, f"http://{address}:11611", "/master_discovery", stamp, stamp, True)
 
 
 def test_spoofed_stamps_cost_one_fetch_a_second():

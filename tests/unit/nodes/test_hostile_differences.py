@@ -24,14 +24,14 @@ from rosfleet_multimaster.edge.rpc_client import Rpc
 from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, apply_difference
 from rosfleet_multimaster.protocol.filters import Filters
-from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, State, document
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.graph import ExportPolicy, InvalidDocument, Node, State, document
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.protocol.xml_rpc import STATE
 from rosfleet_multimaster.sync import fetcher
 from rosfleet_multimaster.sync import follower as module
 from rosfleet_multimaster.sync.core.sync import Fetch, Sync
-from rosfleet_multimaster.sync.follower import Answer, StateFilter
+from rosfleet_multimaster.sync.follower import DifferencesAnswer, StateFilter
 
 URI, OWN = "http://robot2:11311/", "http://own:11311/"
 NODE = Node("http://robot2:5000/", URI, "local")
@@ -213,12 +213,12 @@ documents = drawn(hostile_inputs.state, [URI, OWN], ["/a", "/b", "/own", "/one"]
 @given(documents | values, st.lists(st.lists(values, max_size=2), max_size=4) | values)
 def test_any_difference_is_a_state_of_its_master_or_malformed(told_rows, gone):
     try:
-        state = Answer(["e", 1, False, told_rows, gone, ""]).state(TRUE)
+        state = DifferencesAnswer(["e", 1, False, told_rows, gone, ""]).state(TRUE)
     except InvalidDocument:
         return
     assert state.uri == URI
     core = Sync(Filters({}), OWN, "/master_sync", False, False, 0.0)
-    core.take_announcement(Master("robot2", URI, "http://robot2:11611/", "/d", 1.0, 1.0, True), 0.0)
+    core.take_announcement(AnnouncedMaster("robot2", URI, "http://robot2:11611/", "/d", 1.0, 1.0, True), 0.0)
     (fetch,) = core.due(1.0)
     core.take_fetch(fetch, TRUE, 1.0)
     core.take_change(URI, state, {})
@@ -235,7 +235,7 @@ def _there():
     own = ServedMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, state=TRUE, away="")
     changes = StateFeed(own.current)
     changes.update(TRUE, None)
-    served = RpcMethods(own, Policy(), {}, lambda address: False, lambda: None, str, list, changes)
+    served = RpcMethods(own, ExportPolicy(), {}, lambda address: False, lambda: None, str, list, changes)
     server = RpcServer("127.0.0.1", 0, served.methods(), lambda *_why: None)
     yield f"http://127.0.0.1:{server.server_address[1]}", changes, server
     server.stop()

@@ -6,10 +6,10 @@ import heapq
 import itertools
 import random
 
-from rosfleet_multimaster.discovery.core.actions import Ask, Event, Send
+from rosfleet_multimaster.discovery.core.actions import Ask, MasterEvent, Send
 from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.peer import Contact
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 from rosfleet_multimaster.protocol.parameters import Settings
 
 PORT, RPC = 11511, 11611
@@ -32,7 +32,7 @@ class Robot:
 
     def master(self):
         monitor = f"http://{self.address}:{RPC}"
-        return Master(self.name, self.uri, monitor, "/master_discovery", self.stamp, self.stamp, True)
+        return AnnouncedMaster(self.name, self.uri, monitor, "/master_discovery", self.stamp, self.stamp, True)
 
     def contact(self):
         return Contact(self.stamp, self.uri, self.name, "/master_discovery")
@@ -78,7 +78,7 @@ class World:
     def carry_out(self, robot):
         while robot.core.actions:
             action = robot.core.actions.popleft()
-            if isinstance(action, Event):
+            if isinstance(action, MasterEvent):
                 robot.events.append((self.now, action.change, action.master))
             elif isinstance(action, Send) and robot.alive:
                 targets = [action.host] if action.host else [*self.robots]

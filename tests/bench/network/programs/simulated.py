@@ -17,7 +17,7 @@ sys.path.insert(0, "/usr/local/lib/rosfleet-multimaster/python")
 from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster  # noqa: E402
 from rosfleet_multimaster.discovery.state_feed import StateFeed  # noqa: E402
 from rosfleet_multimaster.edge.rpc_server import callers, serve  # noqa: E402
-from rosfleet_multimaster.protocol.graph import LOCAL, Node, Policy, State  # noqa: E402
+from rosfleet_multimaster.protocol.graph import LOCAL, ExportPolicy, Node, State  # noqa: E402
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, encode  # noqa: E402
 from rosfleet_multimaster.protocol.members import Members  # noqa: E402
 
@@ -37,7 +37,7 @@ class Master:
         here = {address}
         served = RpcMethods(
             self.own,
-            Policy.from_parameters({}),
+            ExportPolicy.from_parameters({}),
             {},
             here.__contains__,
             lambda: None,

@@ -14,7 +14,7 @@ from rosfleet_multimaster.edge.loop import Loop, Workers
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 
 ROBOT2 = Contact(1.0, "http://robot2:11311/", "robot2", "/master_discovery")
 
@@ -73,7 +73,7 @@ def test_the_offset_is_measured_and_nonsense_is_none(answer, offset):
     server = RpcServer("127.0.0.1", 0, {"getCurrentTime": answer} if answer else {}, lambda _host, _why: None)
     try:
         monitor = f"http://127.0.0.1:{server.server_address[1]}"
-        master = Master("robot2", "http://robot2:11311/", monitor, "/d", 1.0, 1.0, True)
+        master = AnnouncedMaster("robot2", "http://robot2:11311/", monitor, "/d", 1.0, 1.0, True)
         health = Health("http://own:11311/", Members())
         assert health.question([master], 0.0) == master
         if answer is None:

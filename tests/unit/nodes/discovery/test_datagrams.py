@@ -24,7 +24,7 @@ VALUES = {
 
 
 def made(errors=None, threads=1, opened=lambda now: None, **values):
-    loop, callbacks = Loop(), module.Callbacks(lambda datagram, now: None, lambda: None, opened, lambda: None)
+    loop, callbacks = Loop(), module.DatagramCallbacks(lambda datagram, now: None, lambda: None, opened, lambda: None)
     errors = {} if errors is None else errors
     return module.Datagrams({**VALUES, **values}, loop, Workers(loop, threads), program.LimitedLog(), errors, callbacks)
 

@@ -8,7 +8,7 @@ import pytest
 from rosfleet_multimaster.discovery.rpc_methods import RpcMethods, ServedMaster
 from rosfleet_multimaster.edge.rpc_server import PackedAnswer, RefusedCall
 from rosfleet_multimaster.protocol.filters import Rules
-from rosfleet_multimaster.protocol.graph import Policy, State, document
+from rosfleet_multimaster.protocol.graph import ExportPolicy, State, document
 from rosfleet_multimaster.protocol.wire_filters import write_rules
 
 URI = "http://own:11311/"
@@ -17,7 +17,7 @@ URI = "http://own:11311/"
 def test_a_whole_state_is_held_packed_by_each_connection():
     state = State(URI, "own", 1.0, 1.0, {"/one": ("/a",)})
     own = ServedMaster(URI, "own", "/master_discovery", lambda: "own", 11611, state, "")
-    methods = RpcMethods(own, Policy(), {}, lambda _address: False, list, lambda _type: None, list).methods()
+    methods = RpcMethods(own, ExportPolicy(), {}, lambda _address: False, list, lambda _type: None, list).methods()
     whole = methods["masterInfo"].method("10.0.0.2")
     part = methods["masterInfoFiltered"].method("10.0.0.2", write_rules(Rules(), True))
     assert whole.packed == part.packed == PackedAnswer(document(state)).packed
@@ -27,7 +27,9 @@ def test_a_whole_state_is_held_packed_by_each_connection():
 def test_secrets_that_are_no_names_keep_everything_secret(secret):
     state = State(URI, "own", 1.0, 1.0, {"/one": ("/a",), "/" + "a" * 254: ("/a",)})
     own = ServedMaster(URI, "own", "/master_discovery", lambda: "own", 11611, state, "")
-    methods = RpcMethods(own, Policy(), {}, lambda _address: False, lambda: secret, lambda _type: None, list).methods()
+    methods = RpcMethods(
+        own, ExportPolicy(), {}, lambda _address: False, lambda: secret, lambda _type: None, list
+    ).methods()
     started = time.thread_time()
     for method, arguments in (("masterInfo", []), ("masterInfoFiltered", [write_rules(Rules(), True)])):
         with pytest.raises(RefusedCall, match="/do_not_sync"):

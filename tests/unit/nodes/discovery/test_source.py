@@ -14,7 +14,7 @@ import pytest
 from mentioned import mentions
 from rosfleet_multimaster.discovery import source as source_module
 from rosfleet_multimaster.discovery.poller import Poller
-from rosfleet_multimaster.discovery.source import Follower, Source, start_source_thread
+from rosfleet_multimaster.discovery.source import Source, StateFollower, start_source_thread
 from rosfleet_multimaster.edge.local_roscore import Identity
 from rosfleet_multimaster.edge.loop import EndFlag
 from rosfleet_multimaster.edge.process import program
@@ -83,7 +83,9 @@ def source_of(roscore, identity=None, tells=True):
         poll=lambda: State(URI, "polled"),
         do_not_sync=["/polled"],
     )
-    return Source(poller, lambda: Follower(roscore.uri, "/master_discovery", Mirror(URI, "own"), identity, stamps), 0.5)
+    return Source(
+        poller, lambda: StateFollower(roscore.uri, "/master_discovery", Mirror(URI, "own"), identity, stamps), 0.5
+    )
 
 
 def test_a_bundled_roscores_feed_replaces_polling(roscore):

@@ -8,7 +8,7 @@ import time
 
 import pytest
 from rosfleet_multimaster.edge import addresses as module
-from rosfleet_multimaster.edge.addresses import Changes, addresses, network
+from rosfleet_multimaster.edge.addresses import AddressChanges, addresses, network
 
 
 def test_the_kernel_lists_the_addresses():
@@ -24,7 +24,7 @@ def test_the_kernel_lists_interfaces_own_addresses_and_carriers():
 
 
 def test_changes_are_heard_by_a_socket_that_never_blocks():
-    changes = Changes()
+    changes = AddressChanges()
     changes.clear()
     assert select.select([changes.socket], [], [], 0)[0] == []
     changes.socket.close()

@@ -8,7 +8,7 @@ from rosfleet_multimaster.edge import display
 from rosfleet_multimaster.edge.loop import Loop
 from rosfleet_multimaster.edge.process import program
 from rosfleet_multimaster.protocol import metrics, parameters
-from rosfleet_multimaster.protocol.messages import Diagnosis
+from rosfleet_multimaster.protocol.messages import DiagnosticEntry
 
 
 class Topic:
@@ -40,7 +40,7 @@ def shown(**values):
         "/master_sync",
         Loop(),
         program.LimitedLog(),
-        lambda: [Diagnosis("multimaster: x", "OK", [])],
+        lambda: [DiagnosticEntry("multimaster: x", "OK", [])],
         lambda: metrics.scalar_samples(round_seconds=0.25),
     )
 

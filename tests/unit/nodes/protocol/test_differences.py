@@ -9,8 +9,8 @@ from rosfleet_multimaster.protocol import differences
 from rosfleet_multimaster.protocol.differences import History, apply_difference, changes, difference_in_view, digest
 from rosfleet_multimaster.protocol.filters import Pattern, Rules
 from rosfleet_multimaster.protocol.graph import (
+    ExportPolicy,
     InvalidDocument,
-    Policy,
     State,
     add_stamps,
     build,
@@ -57,7 +57,7 @@ policies = st.fixed_dictionaries(
             max_size=2,
         ),
     }
-).map(Policy.from_parameters)
+).map(ExportPolicy.from_parameters)
 wanted = st.fixed_dictionaries(
     dict.fromkeys(("ignore_nodes", "sync_topics", "sync_services", "ignore_publishers", "ignore_type"), patterns)
 ).map(lambda found: Rules(**{name: Pattern.from_items(items) for name, items in found.items()}))
@@ -143,7 +143,7 @@ def test_a_moved_node_is_told_to_the_robots_that_see_it():
     after = State(**{**before.__dict__, "nodes": {**before.nodes, "/b/one": moved}})
     undo = changes(before, after)
     assert difference_in_view(after, undo, whole).document[8] == [["/b/one", "http://own:2/", URI, None, "local"]]
-    hidden = viewer(Policy.from_parameters({"hide_nodes": ["/b/*"]}), Rules())
+    hidden = viewer(ExportPolicy.from_parameters({"hide_nodes": ["/b/*"]}), Rules())
     assert not difference_in_view(after, undo, hidden)
 
 
@@ -151,7 +151,7 @@ def test_a_change_that_is_hidden_is_no_difference():
     before = first()
     after = State(**{**before.__dict__, "publishers": {**before.publishers, "/secret": ("/a/one",)}})
     assert not difference_in_view(
-        after, changes(before, after), viewer(Policy.from_parameters({"hide_topics": ["/secret"]}), Rules())
+        after, changes(before, after), viewer(ExportPolicy.from_parameters({"hide_topics": ["/secret"]}), Rules())
     )
 
 

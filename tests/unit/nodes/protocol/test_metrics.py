@@ -12,20 +12,20 @@ import subprocess
 import pytest
 import yaml
 from rosfleet_multimaster.discovery.core import report as links
-from rosfleet_multimaster.discovery.core.health import Answer, LinkHealth, LinkList
+from rosfleet_multimaster.discovery.core.health import ClockAnswer, LinkHealth, LinkList
 from rosfleet_multimaster.protocol import metrics
 from rosfleet_multimaster.protocol.messages import Registration
 from rosfleet_multimaster.relay.core.report import TopicCount, make_samples
 from rosfleet_multimaster.sync.core import report as registrations
-from rosfleet_multimaster.sync.core.sync import Refusal
+from rosfleet_multimaster.sync.core.sync import RegistrationConflict
 
 ROOT = pathlib.Path(__file__).parents[4]
 HOSTILE = 'a"b\\c\nd\x1b[31m\u202e{}=,#'
 LINKS = LinkList(
     [
-        LinkHealth("tibi-visio", "http://tibi-visio:11311/", True, 98.0, 0.4, 2, Answer(0.0021, -0.0375)),
+        LinkHealth("tibi-visio", "http://tibi-visio:11311/", True, 98.0, 0.4, 2, ClockAnswer(0.0021, -0.0375)),
         LinkHealth("dabo-nav", "http://dabo-nav:11311/", False, -1.0, None, 0, None),
-        LinkHealth(HOSTILE, "http://x:1/", True, 0.0, 1e6, 1, Answer(3.0, 1e9)),
+        LinkHealth(HOSTILE, "http://x:1/", True, 0.0, 1e6, 1, ClockAnswer(3.0, 1e9)),
     ],
     7,
 )
@@ -45,7 +45,7 @@ def everything():
         "registration_changes_total": {(what,): 5 for what in metrics.CHANGES},
         **make_samples(2, [TopicCount("/scan", 10, 1000, 1), TopicCount(HOSTILE, 1, 10, 0)]),
         **links.link_samples(LINKS),
-        **registrations.refusal_samples([Refusal("node", "/a", "tibi", "http://a", "b")], {"node": 4}),
+        **registrations.refusal_samples([RegistrationConflict("node", "/a", "tibi", "http://a", "b")], {"node": 4}),
         **registrations.parameter_samples(["tibi-visio", HOSTILE], ["tibi-visio"]),
         **registrations.registration_samples({"http://tibi-visio:11311/": "tibi-visio", "http://x:1/": HOSTILE}, held),
     }

@@ -17,7 +17,7 @@ from rosfleet_multimaster.protocol.tcpros.header import encode_header
 from rosfleet_multimaster.relay.account import Accounts
 from rosfleet_multimaster.relay.core.rates import Rate
 from rosfleet_multimaster.relay.dial import Dialers
-from rosfleet_multimaster.relay.feed import Feed, Origin
+from rosfleet_multimaster.relay.feed import Origin, TopicFeed
 from rosfleet_multimaster.relay.wire import MAX_HEADER, Wire
 
 from tests.unit.nodes.relay.ends import DEAR, DEEP, SUM, End, Publisher, free_port, message
@@ -33,7 +33,7 @@ class Running:
         self.change = None  # of the frames
         self.accounts = Accounts(self.loop, ROBOTS, "own")
         dialers = Dialers(self.loop, "own", ROBOTS)
-        self.feed = Feed(self.loop, dialers, LimitedLog(), self.accounts.budget, "/chatter", self.request, of_one)
+        self.feed = TopicFeed(self.loop, dialers, LimitedLog(), self.accounts.budget, "/chatter", self.request, of_one)
         self.thread = threading.Thread(target=self.loop.run, args=(self.turn,))
         self.thread.start()
 

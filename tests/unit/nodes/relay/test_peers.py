@@ -57,7 +57,7 @@ def _follow(monkeypatch):
     def follow(answer):
         relay, told = Relay(answer), []
         relays.append(relay)
-        peer = peers.Peer("kobuki1", ["127.0.0.1"], relay.port, "station")
+        peer = peers.RelayPeer("kobuki1", ["127.0.0.1"], relay.port, "station")
         peer.start(lambda _robot, offers, why: told.append(why or offers))
         return relay, told
 

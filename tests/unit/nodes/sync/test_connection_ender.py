@@ -32,11 +32,11 @@ def test_a_request_and_its_answer(tmp_path):
 
     def answer(pairs):
         asked.append(pairs)
-        return ender.Outcome(pairs[:1], "the other one is none of ours")
+        return ender.EndedConnections(pairs[:1], "the other one is none of ours")
 
     with answering(path, answer) as counts:
         assert stat.S_IMODE(os.stat(path).st_mode) == 0o660
-        assert ender.ask(PAIRS, path) == ender.Outcome(PAIRS[:1], "the other one is none of ours")
+        assert ender.ask(PAIRS, path) == ender.EndedConnections(PAIRS[:1], "the other one is none of ours")
     assert (asked, counts) == ([PAIRS], [2])
 
 
@@ -44,7 +44,7 @@ def test_many_connections_are_many_requests(tmp_path, monkeypatch):
     path = str(tmp_path / "socket")
     found = [Tcp(("192.168.1.1", 30000 + count), ("192.168.1.2", 40000), 0.0, b"") for count in range(300)]
     monkeypatch.setattr(ender, "connections", lambda: found)
-    with answering(path, lambda pairs: ender.Outcome(pairs, ""), 3) as counts:
+    with answering(path, lambda pairs: ender.EndedConnections(pairs, ""), 3) as counts:
         assert len(ender.end(lambda item: item.local[1] != 30007, path)) == 299
     assert counts == [128, 128, 43]
 
@@ -52,7 +52,10 @@ def test_many_connections_are_many_requests(tmp_path, monkeypatch):
 def test_where_nothing_could_be_ended_it_says_why(tmp_path, monkeypatch):
     path = str(tmp_path / "socket")
     monkeypatch.setattr(ender, "connections", lambda: [Tcp(*PAIRS[0], 0.0, b"")])
-    with answering(path, lambda pairs: ender.Outcome([], "no right to")), pytest.raises(OSError, match="no right to"):
+    with (
+        answering(path, lambda pairs: ender.EndedConnections([], "no right to")),
+        pytest.raises(OSError, match="no right to"),
+    ):
         ender.end(lambda item: True, path)
     with pytest.raises(OSError):
         ender.end(lambda item: True, str(tmp_path / "nobody"))
@@ -80,7 +83,7 @@ MANY = b"[" + b",".join([b'[["192.168.1.1",1],["192.168.1.2",2]]'] * (ender.MOST
 )
 def test_a_wrong_request_has_no_answer_and_hinders_no_other(tmp_path, request_text):
     path = str(tmp_path / "socket")
-    with answering(path, lambda pairs: ender.Outcome(pairs, ""), 2) as counts:
+    with answering(path, lambda pairs: ender.EndedConnections(pairs, ""), 2) as counts:
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as asking:
             asking.connect(path)
             asking.send(request_text)
@@ -93,7 +96,7 @@ def test_a_wrong_request_has_no_answer_and_hinders_no_other(tmp_path, request_te
 
 def test_who_says_nothing_hinders_others_for_a_second_alone(tmp_path):
     path = str(tmp_path / "socket")
-    with answering(path, lambda pairs: ender.Outcome(pairs, ""), 2) as counts:
+    with answering(path, lambda pairs: ender.EndedConnections(pairs, ""), 2) as counts:
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as silent:
             silent.connect(path)
             assert ender.ask(PAIRS, path).ended == PAIRS
@@ -102,7 +105,7 @@ def test_who_says_nothing_hinders_others_for_a_second_alone(tmp_path):
 
 def test_another_group_is_not_answered(tmp_path, monkeypatch):
     path, group = str(tmp_path / "socket"), os.getegid()
-    with answering(path, lambda pairs: ender.Outcome(pairs, "")) as counts:
+    with answering(path, lambda pairs: ender.EndedConnections(pairs, "")) as counts:
         monkeypatch.setattr(os, "getegid", lambda: group + 1)
         with pytest.raises(OSError):
             ender.ask(PAIRS, path)

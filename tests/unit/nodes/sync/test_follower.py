@@ -17,11 +17,11 @@ from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol import json_text
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
 from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules
-from rosfleet_multimaster.protocol.graph import InvalidDocument, Node, Policy, State, document
+from rosfleet_multimaster.protocol.graph import ExportPolicy, InvalidDocument, Node, State, document
 from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.sync import fetcher, follower
 from rosfleet_multimaster.sync.core.sync import Fetch, Sync
-from rosfleet_multimaster.sync.follower import Answer, StateFilter
+from rosfleet_multimaster.sync.follower import DifferencesAnswer, StateFilter
 from running_sync import until
 
 URI = "http://robot2:11311/"
@@ -35,7 +35,7 @@ class Discovery:
         self.own = ServedMaster(URI, "robot2", "/master_discovery", lambda: "127.0.0.1", 1, away="")
         self.told, self.secret = StateFeed(self.own.current), []
         served = RpcMethods(
-            self.own, policy or Policy(), {}, is_here, lambda: self.secret, str, list, self.told if told else None
+            self.own, policy or ExportPolicy(), {}, is_here, lambda: self.secret, str, list, self.told if told else None
         )
         self.server = RpcServer("127.0.0.1", 0, served.methods(), lambda *_why: None)
         self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
@@ -219,7 +219,7 @@ def test_a_digest_that_differs_takes_the_whole(there, monkeypatch):
 )
 def test_what_is_no_answer_is_refused(value):
     with pytest.raises(InvalidDocument):
-        Answer(value)
+        DifferencesAnswer(value)
 
 
 def test_a_state_that_grows_and_grows_is_not_followed(there, monkeypatch):

@@ -14,7 +14,7 @@ from rosfleet_multimaster.sync import rounds as module
 from rosfleet_multimaster.sync.core.message_types import TypeGuard
 from rosfleet_multimaster.sync.core.sync import NEVER, Candidate, Sync
 
-CALLBACKS = module.Callbacks(lambda: True, lambda problem: None)
+CALLBACKS = module.RoundCallbacks(lambda: True, lambda problem: None)
 OTHER, TALKER = "http://robot2:11311/", ("/talker", "http://robot2:40000/")
 
 

@@ -18,27 +18,29 @@ from .edge.clock import sleep
 from .edge.journal import plain_streams, say
 from .edge.process.systemd import notify, watchdog
 from .protocol.members import Members
-from .sync.connection_ender import Outcome, Pair, open_listener, serve_one
+from .sync.connection_ender import EndedConnections, Pair, open_listener, serve_one
 from .sync.core.permission import find_refusal
 
 PER_SECOND = 256  # connections that are ended in a second; a request counts as one at least
 IDLE = 10.0  # seconds between two signs of life without a watchdog
 
 
-def answer(members: Members, problem: str, asked: List[Pair]) -> Outcome:
+def answer(members: Members, problem: str, asked: List[Pair]) -> EndedConnections:
     """End those of these connections that may be ended. `problem`: why nothing can be; empty where it can."""
     if problem or not asked:
-        return Outcome([], problem)
+        return EndedConnections([], problem)
     try:
         own = network().own
         refused = {pair: find_refusal(members, *pair, own) for pair in asked}
         wanted = {pair for pair, refusal in refused.items() if not refusal}
         ended = connections.end_all(lambda found: (found.local, found.remote) in wanted) if wanted else []
     except OSError as error:
-        return Outcome([], str(error))
+        return EndedConnections([], str(error))
     for found in ended:
         say(f"the connection from port {found.local[1]} to {found.remote[0]}:{found.remote[1]} is ended", logging.INFO)
-    return Outcome([(found.local, found.remote) for found in ended], "; ".join(sorted(set(refused.values()) - {""})))
+    return EndedConnections(
+        [(found.local, found.remote) for found in ended], "; ".join(sorted(set(refused.values()) - {""}))
+    )
 
 
 def main(parameters: str, path: str) -> None:

@@ -10,15 +10,15 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from .discovery.contacts import Contacts, ask_time
 from .discovery.core import report
-from .discovery.core.actions import Ask, Event, Say, Send
+from .discovery.core.actions import Ask, MasterEvent, Say, Send
 from .discovery.core.discovery import Discovery
 from .discovery.core.health import Health, LinkList
 from .discovery.core.outsiders import Outsider
 from .discovery.core.peer import FAR, Contact, Key
-from .discovery.datagrams import Callbacks, Datagrams
+from .discovery.datagrams import DatagramCallbacks, Datagrams
 from .discovery.poller import Poller
 from .discovery.rpc_methods import UNREAD, RpcMethods, ServedMaster
-from .discovery.source import Follower, Source, start_source_thread
+from .discovery.source import Source, StateFollower, start_source_thread
 from .discovery.state_feed import StateFeed
 from .discovery.udp import Datagram
 from .edge import local_roscore, ros
@@ -33,9 +33,9 @@ from .edge.rpc_server import callers, serve
 from .protocol import metrics, parameters
 from .protocol.differences import Stamps
 from .protocol.filters import InvalidPattern, secret_names
-from .protocol.graph import Policy, State
+from .protocol.graph import ExportPolicy, State
 from .protocol.members import Members, Networks
-from .protocol.messages import Diagnosis, Master
+from .protocol.messages import AnnouncedMaster, DiagnosticEntry
 from .protocol.mirror import Mirror
 from .protocol.parameters import Settings
 
@@ -54,9 +54,9 @@ class MasterDiscovery:
         self.clock_questions = Workers(self.loop, 1)
         self.errors: Dict[str, str] = {}  # what masterErrors tells
         self.node: Optional[ros.DiscoveryNode] = None
-        self.masters: Tuple[Master, ...] = ()
+        self.masters: Tuple[AnnouncedMaster, ...] = ()
         self.outsiders: Tuple[Outsider, ...] = ()  # who is ignored
-        self.told: Dict[str, Master] = {}
+        self.told: Dict[str, AnnouncedMaster] = {}
         self.status = ""
         self.looked = 0.0  # when the addresses were looked at
         self.shown: Optional[float] = None  # the local stamp with which the own master is shown,
@@ -67,7 +67,9 @@ class MasterDiscovery:
         self.own = _make_own_master(start)
         self.roscore.ask(("setParam", "/mastername", self.own.name))
         resolvers = Workers(self.loop, 2)
-        heard = Callbacks(self._on_datagram, self._on_address_change, self._on_sockets_open, self._on_network_change)
+        heard = DatagramCallbacks(
+            self._on_datagram, self._on_address_change, self._on_sockets_open, self._on_network_change
+        )
         self.datagrams = Datagrams(values, self.loop, resolvers, self.limited, self.errors, heard)
         settings = {name: value for name, value in values.items() if name in Settings.__dataclass_fields__}
         self.core = Discovery(Settings(**settings), (), self.own.rpc_port, self.members)
@@ -94,7 +96,7 @@ class MasterDiscovery:
     def _make_served(self, values: Dict[str, Any]) -> RpcMethods:
         return RpcMethods(
             self.own,
-            Policy.from_parameters(values),
+            ExportPolicy.from_parameters(values),
             self.errors,
             self.core.local.is_own,
             lambda: self.source.do_not_sync,
@@ -139,7 +141,7 @@ class MasterDiscovery:
                 self.datagrams.send(action)
             elif isinstance(action, Ask):
                 self.contacts.ask(action)
-            elif isinstance(action, Event):
+            elif isinstance(action, MasterEvent):
                 if not events:  # before it is told: who then asks for the list has it there
                     events, self.masters = True, tuple(self.core.view.masters())
                 self._event(action)
@@ -148,7 +150,7 @@ class MasterDiscovery:
         if events:
             self.loop.post(self._say_status)
 
-    def _event(self, event: Event) -> None:
+    def _event(self, event: MasterEvent) -> None:
         master, before = event.master, self.told.get(event.master.uri)
         self.told[master.uri] = master
         self.health.take_event(event.change, before, master)
@@ -195,7 +197,7 @@ class MasterDiscovery:
     def _links(self) -> LinkList:
         return self.health.links(self.masters, self.core.view.links(monotonic()))
 
-    def _entries(self) -> List[Diagnosis]:
+    def _entries(self) -> List[DiagnosticEntry]:
         """The entries of /diagnostics."""
         own = report.roscore(self.own.uri, self.own.away, self.source.refusal_counts)
         return [own, *report.links(self._links()), report.outsiders(self.outsiders)]
@@ -332,7 +334,7 @@ def _source(start: local_roscore.Start, own: ServedMaster, identity: local_rosco
     stamps, of, (uri, caller) = Stamps(), (own.uri, own.name), (start.roscore.rpc.uri, start.roscore.caller)
     poller = Poller(Roscore(uri, caller), State(*of), identity, ros.sync_info, stamps)
     period = 1.0 / start.values["rosmaster_hz"]
-    return Source(poller, lambda: Follower(uri, caller, Mirror(*of), identity, stamps), period)
+    return Source(poller, lambda: StateFollower(uri, caller, Mirror(*of), identity, stamps), period)
 
 
 def main() -> int:

@@ -22,12 +22,12 @@ from .relay.account import Accounts
 from .relay.board import OfferBoard
 from .relay.dial import Dialers
 from .relay.entrance import Entrance
-from .relay.feed import Feed, Link
+from .relay.feed import BusLink, TopicFeed
 from .relay.given import Found, GivenSide, Reader
 from .relay.node import PROVIDER, PUBLISHER, SUBSCRIBER, Registrar, SlaveApi
 from .relay.overview import Overview
 from .relay.parties import NAME, Parties
-from .relay.peers import OFFERS, Offers, Peer
+from .relay.peers import OFFERS, Offers, RelayPeer
 from .relay.taken import TakenSide
 from .relay.wire import PATIENCE
 
@@ -46,8 +46,8 @@ class MasterRelay:
         self.accounts, self.board = Accounts(self.loop, self.parties.all, self.parties.robot), OfferBoard()
         dialers = Dialers(self.loop, self.parties.robot, self.parties.all)
 
-        def make_feed(topic: str, of_one: bool) -> Feed:
-            return Feed(self.loop, dialers, limited, self.accounts.budget, topic, self._request_feeds, of_one)
+        def make_feed(topic: str, of_one: bool) -> TopicFeed:
+            return TopicFeed(self.loop, dialers, limited, self.accounts.budget, topic, self._request_feeds, of_one)
 
         own = {diagnostics.TOPIC: make_feed(diagnostics.TOPIC, False)} if values["diagnostics"] else {}
         self.given = GivenSide(self.parties, self.board, self.accounts, limited, make_feed)
@@ -68,7 +68,7 @@ class MasterRelay:
         calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
         self.registrar = Registrar(roscore, f"http://{find_own_host()}:{slave.server_address[1]}/", calls)
         again = self.registrar.begin_again
-        self.health = local_roscore.Health(self.loop, roscore, local_roscore.Identity(), calls, again)
+        self.health = local_roscore.RoscoreCheck(self.loop, roscore, local_roscore.Identity(), calls, again)
         reader = Reader(self.parties, roscore)
         self.reads = RecurringJob(calls, lambda: READ if reader.is_told else READ_WHOLE, reader.read, self._on_read)
 
@@ -77,7 +77,7 @@ class MasterRelay:
         program.on_signals(self.loop, self._end)
         self.entrance.open()
         for robot, channel in self.parties.peers.items():
-            peer = Peer(robot, channel.hosts, channel.port, self.parties.robot)
+            peer = RelayPeer(robot, channel.hosts, channel.port, self.parties.robot)
             peer.start(partial(self.loop.post, self._on_offers))
         self._register()
         notify("READY=1")
@@ -104,7 +104,7 @@ class MasterRelay:
         """Have the feeds looked at then."""
         self.feeds_due = min(self.feeds_due, due)
 
-    def _list_links(self) -> List[Link]:
+    def _list_links(self) -> List[BusLink]:
         return [link for feed in self.overview.list_feeds() for link in feed.list_links()]
 
     def _end(self) -> None:

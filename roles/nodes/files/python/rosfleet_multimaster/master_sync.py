@@ -18,16 +18,16 @@ from .edge.roscore import RoscoreGraph
 from .protocol import metrics, parameters
 from .protocol.filters import Filters
 from .protocol.members import Members
-from .protocol.messages import Diagnosis, Master, Registration
+from .protocol.messages import AnnouncedMaster, DiagnosticEntry, Registration
 from .protocol.plain_text import LINE
 from .sync.copies import Copies
 from .sync.core import report
 from .sync.core.limits import limit_refusals
-from .sync.core.sync import NEVER, Refusal, Sync
+from .sync.core.sync import NEVER, RegistrationConflict, Sync
 from .sync.disconnector import Disconnector
 from .sync.fetcher import Fetcher
 from .sync.finder import Finder
-from .sync.rounds import ROUND, Callbacks, Rounds
+from .sync.rounds import ROUND, RoundCallbacks, Rounds
 from .sync.type_questions import TypeQuestions
 
 LINES = 50  # log lines about refusals at once
@@ -42,7 +42,7 @@ class MasterSync:
         values, loop, self.limited = start.values, start.loop, program.LimitedLog()
         self.loop, self.ended = loop, start.ended
         self.uri, self.node_name = start.uri, start.name
-        self.refusals: List[Refusal] = []  # in force
+        self.refusals: List[RegistrationConflict] = []  # in force
         self.refused_total: Counter[str] = Counter()  # kind -> how many since the start
         self.ready = False
         self.status, self.status_stale = "", False
@@ -56,7 +56,7 @@ class MasterSync:
         self.disconnector = Disconnector(loop, updaters, limited, ending, members, online)
         questions = TypeQuestions(loop, self._monitor_of, ros.md5sum, self._request_round)
         node = (start.name, start.node_uri)
-        callbacks = Callbacks(lambda: self.finder.listed_once, self._round_over)
+        callbacks = RoundCallbacks(lambda: self.finder.listed_once, self._round_over)
         self.rounds = Rounds(
             graph, node, self.core, questions, self.disconnector, roscore_calls, updaters, limited, callbacks
         )
@@ -67,7 +67,7 @@ class MasterSync:
         self.node = ros.SyncNode(lambda: self.rounds.held)
         identity = local_roscore.Identity()
         identity.service = self.node.service_uri()
-        self.health = local_roscore.Health(loop, start.roscore, identity, roscore_calls, self._request_round)
+        self.health = local_roscore.RoscoreCheck(loop, start.roscore, identity, roscore_calls, self._request_round)
         masters = ros.ListMasters()
         self.finder = Finder(
             loop, graph, roscore_calls, limited, lambda: self.rounds.claims, masters, self._subscribe, self._on_list
@@ -112,7 +112,7 @@ class MasterSync:
     def _subscribe(self, topic: str) -> None:
         self.node.subscribe(topic, lambda change, master: self.loop.post(self._on_announcement, change, master))
 
-    def _on_list(self, masters: List[Master], first: bool, asked: float) -> None:
+    def _on_list(self, masters: List[AnnouncedMaster], first: bool, asked: float) -> None:
         now, before = monotonic(), self._online()
         self.news = {uri: at for uri, at in self.news.items() if at >= asked}
         self.core.take_list(masters, now, self.news.keys())
@@ -122,7 +122,7 @@ class MasterSync:
         if first or any(uri not in after or online > after[uri] for uri, online in before.items()):
             self._request_round()  # a new master needs no round: its state is looked at when it is fetched
 
-    def _on_announcement(self, change: str, master: Master) -> None:
+    def _on_announcement(self, change: str, master: AnnouncedMaster) -> None:
         """A message of `~changes`."""
         self.news[master.uri] = monotonic()
         if change == "removed":
@@ -187,7 +187,7 @@ class MasterSync:
             self.display.mark_stale()
             self.display.look()
 
-    def _entries(self) -> List[Diagnosis]:
+    def _entries(self) -> List[DiagnosticEntry]:
         """The entries of /diagnostics."""
         return report.diagnoses(self.refusals)
 

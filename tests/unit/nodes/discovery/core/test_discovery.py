@@ -5,7 +5,7 @@ import random
 import pytest
 from fleet_of_one import TIBI, URI
 from mentioned import mentions
-from rosfleet_multimaster.discovery.core.actions import NEWCOMER_LIMIT, Ask, Event, Say, Send
+from rosfleet_multimaster.discovery.core.actions import NEWCOMER_LIMIT, Ask, MasterEvent, Say, Send
 from rosfleet_multimaster.discovery.core.announcements import MAX_ANSWERED
 from rosfleet_multimaster.discovery.core.discovery import Discovery
 from rosfleet_multimaster.discovery.core.newcomers import MAX_ASKED, MAX_NEWCOMERS
@@ -13,11 +13,11 @@ from rosfleet_multimaster.discovery.core.peer import Contact, Peer, find_name_pr
 from rosfleet_multimaster.discovery.core.peers import MAX_PER_ADDRESS, RETURNED, Peers
 from rosfleet_multimaster.protocol.heartbeat import Heartbeat, Kind, Stamp, decode, encode
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 from rosfleet_multimaster.protocol.parameters import Settings
 from virtual_time import Robot, World
 
-OWN = Master(
+OWN = AnnouncedMaster(
     "kobuki1computer",
     "http://kobuki1computer:11311/",
     "http://192.168.1.229:11611",
@@ -78,7 +78,7 @@ def met(**settings):
 
 
 def changes(core):
-    return [(event.change, event.master.name, event.master.online) for event in take(core, Event)]
+    return [(event.change, event.master.name, event.master.online) for event in take(core, MasterEvent)]
 
 
 def wait(core, begin, end):
@@ -99,7 +99,7 @@ def run(core, begin, end, step=0.25):
         for action in take(core):
             if isinstance(action, Send):
                 out.append((now, decode(action.datagram).kind, action.host))
-            elif isinstance(action, Event):
+            elif isinstance(action, MasterEvent):
                 events.append((now, action.change, action.master.online))
             elif isinstance(action, Ask):
                 core.take_contact(action.key, None, REFUSED, now)
@@ -299,7 +299,7 @@ def test_two_addresses_of_one_master_are_one_master():
     core.datagram(leave(), PEER, True, 12.0)
     core.tick(12.2)
     core.take_contact(KEY, None, REFUSED, 12.2, gone=True)
-    assert [(event.change, event.master.monitor_uri) for event in take(core, Event)] == [
+    assert [(event.change, event.master.monitor_uri) for event in take(core, MasterEvent)] == [
         ("changed", "http://10.0.0.2:11611")
     ]
 
@@ -348,7 +348,7 @@ def heard_from_two_addresses(answers):
             asked.remove((due, key))
             lives = answers or key[0] == second[0]
             core.take_contact(key, CONTACT if lives else None, "timed out", now)
-        for event in take(core, Event):
+        for event in take(core, MasterEvent):
             shown.append((now, event.change, event.master.monitor_uri, event.master.online))
     return shown
 
@@ -513,7 +513,7 @@ def test_leaves_with_the_true_address_for_minutes_remove_nobody(answers):
             asked += 1
             late = answers != "always" and asked % 2
             core.take_contact(action.key, None if late else CONTACT, TIMED_OUT if late else "", now)
-        assert not [event for event in take(core, Event) if event.change == "removed" or not event.master.online]
+        assert not [event for event in take(core, MasterEvent) if event.change == "removed" or not event.master.online]
     assert asked <= 2 * 180, "and not every LEAVE is a connection"
     out, events = run(core, now, now + 10.0)
     assert [online for _now, _change, online in events] == [False], "who is silent after that is missed as ever"
@@ -529,7 +529,7 @@ def test_heartbeats_with_another_rate_have_no_lasting_effect(rate):
         if tenth % 10 == 5:
             core.datagram(state(rate=1.0), PEER, True, now)
         core.tick(now)
-        assert take(core, Event) == []
+        assert take(core, MasterEvent) == []
     core.datagram(state(rate=1.0), PEER, True, now)
     _out, events = run(core, now, now + 10.0, 0.05)
     assert [online for _now, _change, online in events] == [False] and events[0][0] < now + 4.6
@@ -572,11 +572,11 @@ def test_an_answer_brings_a_change_with_lost_datagrams():
     core.datagram(state(2000, rate=1.0), PEER, True, 10.0)
     wait(core, 10.25, 13.0)
     core.take_contact(KEY, CONTACT._replace(stamp=2005.5), "", 13.1)
-    assert [event.master.stamp for event in take(core, Event)] == [2005.5]
+    assert [event.master.stamp for event in take(core, MasterEvent)] == [2005.5]
     assert [type(action) for action in wait(core, 13.25, 16.0) if not isinstance(action, Send)] == [Ask]
     core.datagram(state(2009, rate=1.0), PEER, True, 16.1)
     core.take_contact(KEY, CONTACT._replace(stamp=2005.5), "", 16.2)
-    assert [event.master.stamp for event in take(core, Event)] == [2009.0]
+    assert [event.master.stamp for event in take(core, MasterEvent)] == [2009.0]
 
 
 def seen(robot, other):
@@ -651,7 +651,7 @@ def test_back_online_is_a_change_and_it_is_asked_again_who_it_is():
     core.datagram(state(), PEER, True, 81.0)
     core.tick(core.next_tick())
     actions = take(core)
-    assert [type(action) for action in actions] == [Ask, Event]
+    assert [type(action) for action in actions] == [Ask, MasterEvent]
     assert actions[1].master.online
 
 
@@ -670,7 +670,7 @@ def test_a_robot_at_its_planned_place_is_asked_its_name_again():
         core.tick(now)
         for action in take(core):
             asked += [now] if isinstance(action, Ask) else []
-            events += [(now, action.master.online)] if isinstance(action, Event) else []
+            events += [(now, action.master.online)] if isinstance(action, MasterEvent) else []
     assert events == [(10.0, True)], "its topics are fetched at once"
     assert asked == [10.0 + RETURNED]
 
@@ -737,7 +737,7 @@ def test_who_slept_does_not_take_the_others_for_silent():
     core.tick(10.0)
     take(core)
     core.tick(40.0)
-    assert take(core, Event) == []
+    assert take(core, MasterEvent) == []
     _out, events = run(core, 40.25, 50.0)
     assert [round(now, 2) for now, _change, _online in events] == [43.5]
 

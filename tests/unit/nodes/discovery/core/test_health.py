@@ -6,15 +6,15 @@ import math
 
 import pytest
 from fleet_of_one import ROUTER, TIBI, URI
-from rosfleet_multimaster.discovery.core.health import ANY, EACH, MOST, NAME, Answer, Health, LinkList, read_answer
+from rosfleet_multimaster.discovery.core.health import ANY, EACH, MOST, NAME, ClockAnswer, Health, LinkList, read_answer
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.protocol.messages import Link, Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster, LinkQuality
 
 OWN = "http://own:11311/"
 
 
 def master(number=1, online=True, uri="", name=""):
-    return Master(
+    return AnnouncedMaster(
         name or f"robot{number}",
         uri or f"http://robot{number}:11311/",
         f"http://10.0.0.{number}:1",
@@ -56,7 +56,7 @@ def test_missing_robots_are_listed_without_master_and_router():
 
 
 def test_of_two_addresses_of_a_robot_the_better_one_counts():
-    links = [Link("robot1", 20.0, 3.0, master().uri), Link("robot1", 90.0, 0.5, master().uri)]
+    links = [LinkQuality("robot1", 20.0, 3.0, master().uri), LinkQuality("robot1", 90.0, 0.5, master().uri)]
     (link,) = health().links([master()], links).links
     assert (link.quality, link.silent) == (90.0, 0.5)
 
@@ -96,7 +96,7 @@ def test_a_hundred_masters_cost_no_more_questions_than_ten():
 
 
 def test_an_answer_is_kept_until_the_master_is_lost():
-    seen, answer = health(), Answer(0.002, 0.3)
+    seen, answer = health(), ClockAnswer(0.002, 0.3)
     seen.question([master()], 0.0)
     seen.take_answer(master().uri, answer)
     seen.take_answer("http://never.asked/", answer)
@@ -106,8 +106,8 @@ def test_an_answer_is_kept_until_the_master_is_lost():
 
 
 def test_the_offset_is_seen_from_the_middle_of_the_answer():
-    assert read_answer(["http://x/", 101.5], 100.0, 1.0) == Answer(1.0, 1.0)
-    assert Answer(0.2, -0.25).surely_apart == pytest.approx(0.15) and Answer(0.2, 0.05).surely_apart == 0.0
+    assert read_answer(["http://x/", 101.5], 100.0, 1.0) == ClockAnswer(1.0, 1.0)
+    assert ClockAnswer(0.2, -0.25).surely_apart == pytest.approx(0.15) and ClockAnswer(0.2, 0.05).surely_apart == 0.0
 
 
 @pytest.mark.parametrize(
@@ -119,4 +119,4 @@ def test_an_answer_that_is_no_time_is_refused(value):
 
 
 def test_nothing_is_shown_without_others():
-    assert health().links([master(uri=OWN)], [Link("own", 100.0, 0.1, OWN)]) == LinkList([])
+    assert health().links([master(uri=OWN)], [LinkQuality("own", 100.0, 0.1, OWN)]) == LinkList([])

@@ -3,8 +3,15 @@
 """Senders that are ignored: asked twice, told of once."""
 
 from mentioned import mentions
-from rosfleet_multimaster.discovery.core.actions import Outbox
-from rosfleet_multimaster.discovery.core.outsiders import AGAIN, FORGET, MAX_ASKED, MAX_OUTSIDERS, Budget, Outsiders
+from rosfleet_multimaster.discovery.core.actions import ActionOutbox
+from rosfleet_multimaster.discovery.core.outsiders import (
+    AGAIN,
+    FORGET,
+    MAX_ASKED,
+    MAX_OUTSIDERS,
+    ConnectionBudget,
+    Outsiders,
+)
 from rosfleet_multimaster.discovery.core.peer import FAR, Contact
 
 ROGUE = Contact(1.0, "http://rogue:11311/", "rogue", "/master_discovery")
@@ -23,7 +30,7 @@ def asked(outsiders, until, address="10.0.0.6", answer=None):
 
 
 def test_who_says_its_name_is_asked_once_and_told_of_once():
-    box = Outbox(lambda address: False)
+    box = ActionOutbox(lambda address: False)
     outsiders = Outsiders(box)
     assert asked(outsiders, 1000, answer=ROGUE) == [0]
     (news,) = outsiders.list_ignored()
@@ -32,7 +39,7 @@ def test_who_says_its_name_is_asked_once_and_told_of_once():
 
 
 def test_who_does_not_is_asked_twice_and_told_of_by_address():
-    box = Outbox(lambda address: False)
+    box = ActionOutbox(lambda address: False)
     outsiders = Outsiders(box)
     assert len(asked(outsiders, 1000)) == 2
     (line,) = box.actions
@@ -40,14 +47,14 @@ def test_who_does_not_is_asked_twice_and_told_of_by_address():
 
 
 def test_who_may_not_be_asked_is_told_of_by_address_at_once():
-    outsiders = Outsiders(Outbox(lambda address: False))
+    outsiders = Outsiders(ActionOutbox(lambda address: False))
     outsiders.hear("172.16.0.1", 22, 0.0, False)
     assert list(outsiders.due(0.0)) == [] and outsiders.next_due() == FAR
     assert [news.address for news in outsiders.list_ignored()] == ["172.16.0.1"]
 
 
 def test_a_flood_does_not_win_more_questions_for_an_address():
-    outsiders, tries = Outsiders(Outbox(lambda address: False)), {}
+    outsiders, tries = Outsiders(ActionOutbox(lambda address: False)), {}
     for step in range(4 * MAX_OUTSIDERS):
         address = f"10.0.{step % 512 // 256}.{step % 256}"
         outsiders.hear(address, 1024 + step, step / 100, True)
@@ -59,21 +66,21 @@ def test_a_flood_does_not_win_more_questions_for_an_address():
 
 
 def test_few_are_asked_at_a_time():
-    outsiders = Outsiders(Outbox(lambda address: False))
+    outsiders = Outsiders(ActionOutbox(lambda address: False))
     for number in range(50):
         outsiders.hear(f"10.0.0.{number}", 11611, 0.0, True)
     assert len(list(outsiders.due(0.0))) == MAX_ASKED and list(outsiders.due(1.0)) == []
 
 
 def test_the_silent_are_forgotten():
-    outsiders = Outsiders(Outbox(lambda address: False))
+    outsiders = Outsiders(ActionOutbox(lambda address: False))
     asked(outsiders, 3, answer=ROGUE)
     outsiders.forget(FORGET + 3.0)
     assert outsiders.list_ignored() == []
 
 
 def test_two_more_connections_for_an_allowed_address():
-    budget = Budget()
+    budget = ConnectionBudget()
     assert budget.free("a", 0.0) == 0.0
     budget.spend("a", 0.0)
     budget.spend("a", 5.0)

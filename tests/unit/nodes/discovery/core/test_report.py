@@ -3,12 +3,12 @@
 """The entries of /diagnostics."""
 
 import pytest
-from rosfleet_multimaster.discovery.core.health import Answer, LinkHealth, LinkList
+from rosfleet_multimaster.discovery.core.health import ClockAnswer, LinkHealth, LinkList
 from rosfleet_multimaster.discovery.core.outsiders import Outsider
 from rosfleet_multimaster.discovery.core.report import links, outsiders, roscore
 from rosfleet_multimaster.protocol.messages import ERROR, OK, VALUES, WARN
 
-LINK = LinkHealth("tibi", "http://tibi:11311/", True, 100.0, 0.3, 0, Answer(0.002, 0.01))
+LINK = LinkHealth("tibi", "http://tibi:11311/", True, 100.0, 0.3, 0, ClockAnswer(0.002, 0.01))
 
 
 def entries(*seen, left_out=0):
@@ -39,9 +39,9 @@ def test_the_entry_of_a_link(change, level, message):
     [(0.01, OK), (-0.09, OK), (0.1005, OK), (0.102, WARN), (-0.3, WARN), (0.6, ERROR), (-9e9, ERROR)],
 )
 def test_clocks_that_are_surely_apart_are_told(offset, level):
-    entry = entries(LINK._replace(answer=Answer(0.002, offset)))["multimaster: clocks"]
+    entry = entries(LINK._replace(answer=ClockAnswer(0.002, offset)))["multimaster: clocks"]
     assert entry.level == level and ("tibi" in entry.message) == (level != OK)
-    assert entries(LINK._replace(answer=Answer(30.0, offset)))["multimaster: clocks"].level in (OK, ERROR)
+    assert entries(LINK._replace(answer=ClockAnswer(30.0, offset)))["multimaster: clocks"].level in (OK, ERROR)
 
 
 def test_without_an_answer_nothing_is_said_of_clocks():

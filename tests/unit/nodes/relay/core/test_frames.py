@@ -182,7 +182,7 @@ def test_steps_are_bounded_by_bytes():
     for texts in (1, 100, 1000, 5000):
         body = struct.pack("<I", texts) + text(b"") * texts
         plan = {"type": "x/Y", "message_definition": DEEP}
-        walk = frames._Walk(message(body), ROBOT.add)
+        walk = frames._FrameWalk(message(body), ROBOT.add)
         try:
             assert walk.rewrite(make_plan(*plan.values()))
         except FramesError as problem:

@@ -14,7 +14,7 @@ from rosfleet_multimaster.relay.core.rates import (
     MOST_FRAMES,
     MOST_HELD,
     Rate,
-    Throttle,
+    RateLimit,
     TreeThrottle,
     find_unknown,
     make_throttle,
@@ -48,7 +48,7 @@ def test_a_rate_is_never_exceeded_for_long(rate, pauses):
     for pause in pauses:
         now += pause
         arrivals.append((now, b"x"))
-    times = [at for at, _one in run(Throttle(rate), arrivals, now + 10)]
+    times = [at for at, _one in run(RateLimit(rate), arrivals, now + 10)]
     for number, early in enumerate(times):
         for more, late in enumerate(times[number:], 1):
             assert more <= (late - early) * rate + 2 + 1e-6
@@ -59,7 +59,7 @@ def test_a_rate_is_never_exceeded_for_long(rate, pauses):
 def test_the_mean_is_exact_and_what_leaves_is_new(hertz, rate, jitter):
     drawn, seconds = random.Random(1), 60
     at = [100 + (number + jitter * drawn.random()) / hertz for number in range(int(hertz * seconds))]
-    left = run(Throttle(rate), [(time, str(time).encode()) for time in at], 100 + seconds)
+    left = run(RateLimit(rate), [(time, str(time).encode()) for time in at], 100 + seconds)
     assert len(left) == pytest.approx(rate * seconds, rel=0.03)
     ages = sorted(time - float(one) for time, one in left)
     assert ages[len(left) * 9 // 10] == 0.0, "it leaves as it comes"
@@ -69,13 +69,13 @@ def test_the_mean_is_exact_and_what_leaves_is_new(hertz, rate, jitter):
 @pytest.mark.parametrize("count", [2, 3, 7])
 def test_the_last_message_of_a_burst_follows(count):
     arrivals = [(100 + number * 0.01, b"%d" % number) for number in range(count)]
-    (first, one), (last, other) = run(Throttle(1.0), arrivals, 110)
+    (first, one), (last, other) = run(RateLimit(1.0), arrivals, 110)
     assert (first, one, other) == (100, b"0", b"%d" % (count - 1)) and last == pytest.approx(101.0, abs=0.03)
 
 
 def test_a_slower_topic_passes_as_a_whole():
     arrivals = [(100 + number / 4.9, b"%d" % number) for number in range(100)]
-    assert run(Throttle(5.0), arrivals, 200) == arrivals
+    assert run(RateLimit(5.0), arrivals, 200) == arrivals
 
 
 @pytest.mark.parametrize("together", [False, True])

@@ -7,12 +7,12 @@ import random
 
 import pytest
 from rosfleet_multimaster.sync.core import copies
-from rosfleet_multimaster.sync.core.copies import Contents, Copy, Offer
+from rosfleet_multimaster.sync.core.copies import Contents, Copy, OfferedParameter
 from rosfleet_multimaster.sync.core.values import digest
 
 
 def offers(**values):
-    return {f"/{name}": Offer("robot2", value, digest(value)) for name, value in values.items()}
+    return {f"/{name}": OfferedParameter("robot2", value, digest(value)) for name, value in values.items()}
 
 
 def own(**parameters):
@@ -59,7 +59,7 @@ def test_a_value_of_somebody_else_is_never_touched(there):
 
 
 def test_no_namespace_takes_the_place_of_a_value():
-    offered = {"/a/b": Offer("robot2", 1, digest(1))}
+    offered = {"/a/b": OfferedParameter("robot2", 1, digest(1))}
     assert planned(offered, own(a=5)) == ([], {}, [], ["/a/b"])
     assert planned(offered, own(a={"c": 5}))[1] == {"/a/b": 1}
 
@@ -80,7 +80,7 @@ def test_what_somebody_took_away_is_set_again():
 
 
 def test_a_name_of_an_earlier_plan_gives_way():
-    offered = {"/a/b": Offer("robot2", 1, digest(1))}
+    offered = {"/a/b": OfferedParameter("robot2", 1, digest(1))}
     assert planned(offered, own(a={"c": 1}), ours(a={"c": 1})) == (["/a"], {"/a/b": 1}, ["/a/b"], [])
     record = {"/a/c": Copy("robot2", (digest(1),))}
     there = Contents(frozenset({"/a/c"}), {"/a": digest({"c": 1}), "/a/c": digest(1)})
@@ -144,7 +144,7 @@ def test_drawn_changes_never_touch_what_others_have_set(seed):
             put(tree, numbers.choice(NAMES), numbers.choice([None, f"own {step}", {"x": f"own {step}"}]))
         name = numbers.choice(NAMES)  # the plan has no name below another one
         value = numbers.choice([step, {"b": step}, {"x": {"y": step}}])
-        offered = {f"/{name}": Offer("robot2", value, digest(value))} if numbers.random() < 0.7 else {}
+        offered = {f"/{name}": OfferedParameter("robot2", value, digest(value))} if numbers.random() < 0.7 else {}
         before = json.loads(json.dumps(tree))
         todo = copies.plan_copies(offered, set(), record, look(tree))
         for gone in todo.delete:

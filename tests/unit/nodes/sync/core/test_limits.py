@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosfleet_multimaster.protocol.filters import Rules
 from rosfleet_multimaster.protocol.graph import Node, State
-from rosfleet_multimaster.protocol.messages import Master
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 from rosfleet_multimaster.sync.core import report
 from rosfleet_multimaster.sync.core.limits import MOST, limit_refusals, limit_state
 from rosfleet_multimaster.sync.core.sync import Remote, select
@@ -37,7 +37,9 @@ def test_of_80000_topics_5000_are_taken_and_it_says_so():
     taken = limit_state(state([f"/t{number:05}" for number in range(80_000)]))
     assert len(select(taken, Rules(), OWN, False)) == MOST
     assert (taken.left_out, len(taken.types)) == (75_000, MOST)
-    remote = Remote(Master("robot2", URI, "http://192.168.1.2:11611", "/d", 1.0, 1.0, True), Rules(), Rules(), taken)
+    remote = Remote(
+        AnnouncedMaster("robot2", URI, "http://192.168.1.2:11611", "/d", 1.0, 1.0, True), Rules(), Rules(), taken
+    )
     (refusal,) = limit_refusals({URI: remote})
     assert "robot2" in report.describe_refusal(refusal) and "5000" in report.describe_refusal(refusal)
     limits = report.diagnoses([refusal])[0]

@@ -10,22 +10,22 @@ from rosfleet_multimaster.sync.core.report import (
     describe_status,
     diagnoses,
 )
-from rosfleet_multimaster.sync.core.sync import Refusal
+from rosfleet_multimaster.sync.core.sync import RegistrationConflict
 
 
 def test_refusals_are_warnings_and_not_too_many():
     kinds = ("node", "service", "type", "place", "limit", "parameter")
     assert [entry.level for entry in diagnoses([])] == [OK] * 5
     for kind in kinds:
-        found = diagnoses([Refusal(kind, "/a", "robot2", "http://r2:1/", "5000")])
+        found = diagnoses([RegistrationConflict(kind, "/a", "robot2", "http://r2:1/", "5000")])
         assert [entry.level for entry in found].count(WARN) == 1
-    many = [Refusal("node", f"/a{number}", "robot2", "http://r2:1/", "x") for number in range(VALUES + 5)]
+    many = [RegistrationConflict("node", f"/a{number}", "robot2", "http://r2:1/", "x") for number in range(VALUES + 5)]
     values = diagnoses(many)[1].values
     assert len(values) == VALUES + 1 and values[-1] == ("more", "5 are not listed here")
 
 
 def test_a_parameter_that_is_not_copied_is_told_with_its_reason():
-    item = Refusal("parameter", "/model", "robot2", "", "here it has a value of its own, at /model")
+    item = RegistrationConflict("parameter", "/model", "robot2", "", "here it has a value of its own, at /model")
     assert mentions(describe_refusal(item), "robot2", "/model", "own")
     assert describe_refusal_end(item) == "robot2: the parameter /model is no longer refused"
     assert diagnoses([item])[-1].values == [
@@ -34,8 +34,10 @@ def test_a_parameter_that_is_not_copied_is_told_with_its_reason():
 
 
 def test_systemd_is_told_names_with_reasons_and_not_too_much():
-    place = Refusal("place", "/odom", "robot2", "http://127.0.0.1:1234/", '"here" is no computer of robot2')
-    limit = Refusal("limit", "robot3", "robot3", "", "5000")
+    place = RegistrationConflict(
+        "place", "/odom", "robot2", "http://127.0.0.1:1234/", '"here" is no computer of robot2'
+    )
+    limit = RegistrationConflict("limit", "robot3", "robot3", "", "5000")
     assert describe_status([], 1000) == ""
     assert describe_status([limit], 1000) == "; not all of robot3: too many"
     assert mentions(

@@ -4,8 +4,17 @@ import pytest
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import Node, State
 from rosfleet_multimaster.protocol.members import Members
-from rosfleet_multimaster.protocol.messages import Master, Registration, View
-from rosfleet_multimaster.sync.core.sync import NEVER, PATIENCE, Candidate, Refusal, Sync, calls, plan, select
+from rosfleet_multimaster.protocol.messages import AnnouncedMaster, Registration, View
+from rosfleet_multimaster.sync.core.sync import (
+    NEVER,
+    PATIENCE,
+    Candidate,
+    RegistrationConflict,
+    Sync,
+    calls,
+    plan,
+    select,
+)
 
 OWN = "http://robot1:11311/"
 R2, R3 = "http://robot2:11311/", "http://robot3:11311/"
@@ -126,7 +135,9 @@ def test_a_node_with_the_name_of_an_own_one_is_refused():
     own = Registration("publisher", "/other", "/talker", "http://robot1:1/")
     roscore = Roscore(own)
     todo = settle(roscore, wanted(CHATTER, HEARD, ADD), {})
-    assert todo.refused == [Refusal("node", "/talker", "robot2", "http://robot2:40000/", "http://robot1:1/")]
+    assert todo.refused == [
+        RegistrationConflict("node", "/talker", "robot2", "http://robot2:40000/", "http://robot1:1/")
+    ]
     assert roscore.items == {own} and roscore.shut_down == []
 
 
@@ -146,7 +157,9 @@ def test_a_service_that_another_node_provides_is_refused():
     own = Registration("service", "/add", "/own", "http://robot1:1/", "rosrpc://robot1:2")
     todo = plan(wanted(CHATTER, ADD), view(own), {})
     assert todo.register == [CHATTER]
-    assert todo.refused == [Refusal("service", "/add", "robot2", "rosrpc://robot2:50000", "rosrpc://robot1:2")]
+    assert todo.refused == [
+        RegistrationConflict("service", "/add", "robot2", "rosrpc://robot2:50000", "rosrpc://robot1:2")
+    ]
 
 
 @pytest.mark.parametrize("holder", [R2, R3])
@@ -225,7 +238,7 @@ def core(**filters):
 
 
 def announced(stamp=1.0, online=True, uri=R2, name="robot2"):
-    return Master(name, uri, f"http://{name}:11611", "/master_discovery", stamp, stamp, online)
+    return AnnouncedMaster(name, uri, f"http://{name}:11611", "/master_discovery", stamp, stamp, online)
 
 
 def fetch(sync, now):

@@ -743,7 +743,7 @@ def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
     for giver in MASTER:
         of_giver, warnings = parameters.overlay(parameters.DISCOVERY, computers[MASTER[giver]]["discovery"])
         assert not warnings
-        policy = graph.Policy.from_parameters(of_giver)
+        policy = graph.ExportPolicy.from_parameters(of_giver)
         for taker in MASTER.keys() - {giver}:
             of_taker = computers[MASTER[taker]]["sync"]
             served, taken = Served(policy, ADDRESS[taker]), Taken(of_taker, MASTER[giver])

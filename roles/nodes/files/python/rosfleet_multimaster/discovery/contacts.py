@@ -12,9 +12,9 @@ from ..edge.clock import monotonic, wall_clock
 from ..edge.loop import Loop, Workers
 from ..edge.process import program
 from ..edge.rpc_client import Rpc
-from ..protocol.messages import Master
+from ..protocol.messages import AnnouncedMaster
 from .core.actions import CONTACT_LIMIT, Ask
-from .core.health import LIMIT, Answer, Health, read_answer
+from .core.health import LIMIT, ClockAnswer, Health, read_answer
 from .core.newcomers import MAX_ASKED
 from .core.peer import Contact, Key, find_name_problem
 
@@ -96,10 +96,10 @@ def _ask_contact(monitor_uri: str, limit: float = CONTACT_LIMIT) -> Contact:
     return Contact.from_answer(Rpc(monitor_uri, limit).call("masterContacts"))
 
 
-def ask_time(master: Master, workers: Workers, health: Health) -> None:
+def ask_time(master: AnnouncedMaster, workers: Workers, health: Health) -> None:
     """Ask a master for its time in a worker, and hand the answer to `health`: the round trip, and the offset of its clock."""
 
-    def ask() -> Answer:
+    def ask() -> ClockAnswer:
         began, wall = monotonic(), wall_clock()
         with closing(Rpc(master.monitor_uri, LIMIT)) as rpc:
             return read_answer(rpc.call("getCurrentTime"), wall, monotonic() - began)

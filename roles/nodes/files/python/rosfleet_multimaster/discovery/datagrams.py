@@ -6,7 +6,7 @@ import os
 from functools import partial
 from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Set, Tuple
 
-from ..edge.addresses import Changes, addresses_of_all, network, resolve, source_address
+from ..edge.addresses import AddressChanges, addresses_of_all, network, resolve, source_address
 from ..edge.clock import monotonic
 from ..edge.loop import DirectRunner, Loop, RecurringJob, Workers
 from ..edge.process import program
@@ -19,7 +19,7 @@ RESOLVE = 60.0  # seconds between two looks at the addresses of ~robot_hosts
 RESOLVE_AGAIN = 5.0  # the same where one of them has none
 
 
-class Place(NamedTuple):
+class NetworkPlace(NamedTuple):
     """Where this computer is in the network."""
 
     address: str  # the own address, from which datagrams come
@@ -27,7 +27,7 @@ class Place(NamedTuple):
     running: bool  # the interface is up and has a carrier
 
 
-class Callbacks(NamedTuple):
+class DatagramCallbacks(NamedTuple):
     """The callbacks of the program. They run in the loop."""
 
     on_datagram: Callable[[Datagram, float], None]
@@ -46,11 +46,11 @@ class Datagrams:
         resolvers: Workers,
         limited: program.LimitedLog,
         errors: Dict[str, str],
-        callbacks: Callbacks,
+        callbacks: DatagramCallbacks,
     ) -> None:
         """`values`: the parameters of master_discovery. `errors` takes failures to send: masterErrors tells them."""
         self.own_addresses: Set[str] = set()
-        self.place = Place("", 0, False)
+        self.place = NetworkPlace("", 0, False)
         self.problem = ""  # why there are no sockets; "" where there are some
         self.hears_of_changes = False  # the kernel tells of changes of the network
         self.sent = self.received = 0  # datagrams
@@ -83,7 +83,7 @@ class Datagrams:
         self.look_at_addresses()  # to open them may take a while
         self._opening.tick(monotonic())
         try:
-            changes = Changes()
+            changes = AddressChanges()
         except OSError as problem:
             program.LOG.warning(
                 "the kernel does not tell of changes of the network, so they are seen later: %s", problem
@@ -185,12 +185,12 @@ class Datagrams:
                 self.received += 1
                 self._callbacks.on_datagram(datagram, now)
 
-    def _addresses(self) -> Tuple[Set[str], Place]:
+    def _addresses(self) -> Tuple[Set[str], NetworkPlace]:
         """The own addresses, and the place in the network."""
         local = network()
         source = self._pinned or source_address(self._group, self._port, set(local.interfaces))
         interface = local.interfaces.get(source, 0)
-        return {*local.own, "localhost"}, Place(source, interface, interface in local.running)
+        return {*local.own, "localhost"}, NetworkPlace(source, interface, interface in local.running)
 
     def _on_addresses(self, addresses: Optional[Mapping[str, str]], _problem: Optional[Exception]) -> None:
         for host in self._values["robot_hosts"]:

@@ -44,7 +44,7 @@ class Poller:
         self._node_uris: Dict[str, str] = {}
         self._service_uris: Dict[str, str] = {}
         self._origins: Dict[Tuple[str, str], str] = {}
-        self._record = imports.Record()
+        self._record = imports.ImportRecord()
         self._turn, self._rest_due, self._rest_pace = 0, 0.0, PollPace(REST)
         self._silent: Dict[Tuple[str, str], float] = {}  # providers of get_sync_info that do not answer, since when
         self.do_not_sync: Any = None

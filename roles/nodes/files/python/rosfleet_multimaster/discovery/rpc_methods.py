@@ -15,8 +15,8 @@ from ..edge.rpc_server import LongPoll, Method, PackedAnswer, PerCaller, Refused
 from ..protocol import json_text
 from ..protocol.differences import DIFFERENCES, PACKED
 from ..protocol.filters import InvalidPattern, Rules, secret_names
-from ..protocol.graph import Policy, State, document, local_types, shareable_part, stamp_text
-from ..protocol.messages import Master
+from ..protocol.graph import ExportPolicy, State, document, local_types, shareable_part, stamp_text
+from ..protocol.messages import AnnouncedMaster
 from ..protocol.plain_text import LINE, plain
 from ..protocol.wire_filters import read_rules
 from .core.outsiders import Outsider
@@ -47,12 +47,12 @@ class ServedMaster:
             raise RefusedCall(f"{self.name} has no state: {self.away}")
         return state
 
-    def announce(self, address: str) -> Optional[Master]:
+    def announce(self, address: str) -> Optional[AnnouncedMaster]:
         """The announcement of the master from an address; None where there is no state."""
         if self.state is None or self.away:
             return None
         monitor = f"http://{address}:{self.rpc_port}"
-        return Master(self.name, self.uri, monitor, self.node, self.state.stamp, self.state.local_stamp, True)
+        return AnnouncedMaster(self.name, self.uri, monitor, self.node, self.state.stamp, self.state.local_stamp, True)
 
 
 class RpcMethods:
@@ -61,7 +61,7 @@ class RpcMethods:
     def __init__(
         self,
         own: ServedMaster,
-        policy: Policy,
+        policy: ExportPolicy,
         errors: Dict[str, str],
         is_here: Callable[[str], bool],
         do_not_sync: Callable[[], Any],

@@ -33,7 +33,7 @@ class PollInstead(Exception):
     """The answers of the roscore are not enough."""
 
 
-class Follower:
+class StateFollower:
     """The state, from the changes that the roscore tells."""
 
     def __init__(self, uri: str, caller: str, mirror: Mirror, identity: Identity, stamps: Stamps) -> None:
@@ -51,7 +51,7 @@ class Follower:
         self._refuse_foreign(record)
         return self._stamps.stamp(self._mirror.state, wall_clock())
 
-    def _refuse_foreign(self, record: imports.Record) -> None:
+    def _refuse_foreign(self, record: imports.ImportRecord) -> None:
         """Leave other implementations of master_sync to the poller, which asks for their registrations."""
         ours = record.node if self._mirror.node_uris.get(record.node, "") == record.uri else None
         state = self._mirror.state
@@ -67,11 +67,11 @@ class Follower:
 class Source:
     """The states of the own master, one after the other."""
 
-    def __init__(self, poller: Poller, follower: Callable[[], Follower], period: float) -> None:
+    def __init__(self, poller: Poller, follower: Callable[[], StateFollower], period: float) -> None:
         """`period`: seconds between two polls at least."""
         self._poller, self._make, self._pace = poller, follower, PollPace(period)
         self._local_stamp = 0.0  # of the last state that was polled
-        self._follower: Optional[Follower] = None
+        self._follower: Optional[StateFollower] = None
         self._known_until = 0.0  # until then the roscore is not asked whether it tells changes
         self.pause = 0.0  # seconds until `next` is to be called again
         # Of the last state, also while the roscore does not answer: that state is served for a moment.

@@ -103,7 +103,7 @@ def attributes(message: bytes, at: int) -> Dict[int, bytes]:
     return found
 
 
-class Changes:
+class AddressChanges:
     """A socket that can be read as soon as an interface, an address or a route has changed."""
 
     def __init__(self) -> None:

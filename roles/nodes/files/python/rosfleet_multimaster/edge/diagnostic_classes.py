@@ -11,7 +11,7 @@ import struct
 from types import SimpleNamespace
 from typing import Any, Sequence
 
-from ..protocol.messages import Diagnosis
+from ..protocol.messages import DiagnosticEntry
 from ..protocol.plain_text import LINE, plain
 
 _RULE = "=" * 80
@@ -65,7 +65,7 @@ def to_time(seconds: float) -> Any:
     return Time.from_sec(max(seconds, 0.0))  # ROS has no earlier ones, whatever the clock says
 
 
-def build_array(classes: Any, parts: Sequence[Diagnosis], now: float, hardware: str) -> Any:
+def build_array(classes: Any, parts: Sequence[DiagnosticEntry], now: float, hardware: str) -> Any:
     """Return a DiagnosticArray with these entries. `classes`: of `messages`; `now`: the wall clock."""
     message = classes.DiagnosticArray(
         status=[

@@ -6,7 +6,7 @@ from typing import Any, Callable, List, Mapping, Optional
 
 from ..protocol import metrics
 from ..protocol.members import Members
-from ..protocol.messages import Diagnosis
+from ..protocol.messages import DiagnosticEntry
 from . import rpc_client
 from .clock import monotonic, wall_clock
 from .loop import DirectRunner, Loop, RecurringJob
@@ -28,7 +28,7 @@ class Display:
         node: str,
         loop: Loop,
         limited: program.LimitedLog,
-        entries: Callable[[], List[Diagnosis]],
+        entries: Callable[[], List[DiagnosticEntry]],
         samples: Callable[[], metrics.Samples],
     ) -> None:
         """`values` are the parameters of the node, `of` is the URI of the own master, `node` the name of the node."""

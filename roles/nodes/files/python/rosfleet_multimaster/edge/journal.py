@@ -50,7 +50,7 @@ def _traceback(info: Any) -> List[str]:
     return [*(plain_lines(line) for line in frames), plain(f"{type(info[1]).__name__}: {info[1]}", LINE)]
 
 
-class Handler(logging.StreamHandler):  # type: ignore[type-arg]  # a class of Python 3.8 takes no argument
+class LineHandler(logging.StreamHandler):  # type: ignore[type-arg]  # a class of Python 3.8 takes no argument
     """Writes the lines of a record one by one: to the stream, several in one piece are one line."""
 
     def __init__(self, stream: Any = None) -> None:
@@ -74,7 +74,7 @@ def quiet(*names: str) -> None:
         logger.propagate = False
 
 
-class RospyHandler(Handler):
+class RospyHandler(LineHandler):
     """The same in a node that is not a bundled one (logging.conf): what its rospy prints is plain, too."""
 
     def __init__(self, stream: Any = None) -> None:

@@ -112,7 +112,7 @@ class Identity:
             raise program.Fatal(f"the roscore knows {service[0]} no longer as a service of this node: starting again")
 
 
-class Health:
+class RoscoreCheck:
     """The check whether the roscore is still there, and still the same one: made when its lifeline ends, and else rarely."""
 
     def __init__(

@@ -22,7 +22,7 @@ import rospy
 import std_srvs.srv
 from fkie_multimaster_msgs import msg, srv
 
-from ..protocol.messages import Diagnosis, Link, Master, Registration
+from ..protocol.messages import AnnouncedMaster, DiagnosticEntry, LinkQuality, Registration
 from . import diagnostic_classes
 from .patience import run_with_limit
 from .rpc_client import cut
@@ -75,7 +75,7 @@ def md5sum(type_name: str) -> Optional[str]:
 # Messages
 
 
-def _to_ros_master(master: Master) -> Any:
+def _to_ros_master(master: AnnouncedMaster) -> Any:
     return msg.ROSMaster(
         name=master.name,
         uri=master.uri,
@@ -87,9 +87,11 @@ def _to_ros_master(master: Master) -> Any:
     )
 
 
-def _from_ros_master(master: Any) -> Master:
+def _from_ros_master(master: Any) -> AnnouncedMaster:
     stamp, local_stamp = master.last_change.to_sec(), master.last_change_local.to_sec()
-    return Master(master.name, master.uri, master.monitoruri, master.discoverer_name, stamp, local_stamp, master.online)
+    return AnnouncedMaster(
+        master.name, master.uri, master.monitoruri, master.discoverer_name, stamp, local_stamp, master.online
+    )
 
 
 class Diagnostics:
@@ -103,7 +105,7 @@ class Diagnostics:
         """True where a node has subscribed."""
         return bool(self._topic.get_num_connections())
 
-    def publish(self, parts: Sequence[Diagnosis], now: float, robot: str) -> None:
+    def publish(self, parts: Sequence[DiagnosticEntry], now: float, robot: str) -> None:
         """Publish these entries of a robot; the last message stays for who comes later. `now` is the wall clock."""
         hardware = "/".join(filter(None, (robot, hostname())))
         self._topic.publish(diagnostic_classes.build_array(self._messages, parts, now, hardware))
@@ -115,7 +117,7 @@ class Diagnostics:
 class DiscoveryNode:
     """The topics and services of master_discovery."""
 
-    def __init__(self, masters: Callable[[], Sequence[Master]], refresh: Callable[[], None]) -> None:
+    def __init__(self, masters: Callable[[], Sequence[AnnouncedMaster]], refresh: Callable[[], None]) -> None:
         """`masters` and `refresh` are called in threads of rospy."""
         self._changes = rospy.Publisher("~changes", msg.MasterState, queue_size=100)
         self._links = rospy.Publisher("~linkstats", msg.LinkStatesStamped, queue_size=1)
@@ -134,11 +136,11 @@ class DiscoveryNode:
         """Name and URI of a service of this node: what the roscore must know."""
         return str(self.list_masters.resolved_name), str(self.list_masters.uri)
 
-    def publish_change(self, change: str, master: Master) -> None:
+    def publish_change(self, change: str, master: AnnouncedMaster) -> None:
         """Publish that a master is new, changed or removed."""
         self._changes.publish(msg.MasterState(state=change, master=_to_ros_master(master)))
 
-    def links(self, own_name: str, links: Callable[[], Iterable[Link]], now: float) -> None:
+    def links(self, own_name: str, links: Callable[[], Iterable[LinkQuality]], now: float) -> None:
         """Publish the quality of the links where a node listens; `now` is the wall clock."""
         if self._links.get_num_connections() == 0:
             return
@@ -189,7 +191,7 @@ class SyncNode:
         """Name and URI of a service of this node: what the roscore must know."""
         return str(self._service.resolved_name), str(self._service.uri)
 
-    def subscribe(self, topic: str, callback: Callable[[str, Master], None]) -> None:
+    def subscribe(self, topic: str, callback: Callable[[str, AnnouncedMaster], None]) -> None:
         """Listen to `~changes` of the discovery node; `callback` is called in a thread of rospy."""
         if topic != self._subscribed:
             if self._subscriber is not None:
@@ -210,7 +212,7 @@ class ListMasters:
         self._service = ""
         self._proxy: Any = None
 
-    def __call__(self, service: str) -> List[Master]:
+    def __call__(self, service: str) -> List[AnnouncedMaster]:
         """Ask for the list. Blocks; may raise."""
         if service != self._service or self._proxy is None:
             self._drop()

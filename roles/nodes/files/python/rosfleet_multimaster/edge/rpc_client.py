@@ -60,7 +60,7 @@ class Rpc:
             raise OSError(f"{plain(ascii(uri))} is no address of an XML-RPC server")
         self.uri, self._timeout, self._most, self._own = uri, timeout, most, own
         self._host, self._port, self._path = host, port, parsed.path or "/"
-        self._connection: Optional[_Connection] = None
+        self._connection: Optional[_LimitedConnection] = None
         self._over = False
 
     def limit(self, seconds: float) -> None:
@@ -146,7 +146,7 @@ class Rpc:
 
     def _post_in_time(self, body: bytes) -> Tuple[bytearray, bool]:
         if self._connection is None:
-            self._connection = _Connection(self._host, self._port, timeout=self._timeout)
+            self._connection = _LimitedConnection(self._host, self._port, timeout=self._timeout)
             self._connection.connect()
         deadline = monotonic() + self._timeout
         self._connection.limit(deadline)
@@ -211,7 +211,7 @@ class _Socket(socket.socket):
         return super().recv_into(*where)
 
 
-class _Connection(http.client.HTTPConnection):
+class _LimitedConnection(http.client.HTTPConnection):
     """A connection with a limit for the whole answer. No thread watches it: one for each call cost more than the call."""
 
     def connect(self) -> None:

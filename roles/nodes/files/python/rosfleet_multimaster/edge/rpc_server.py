@@ -81,7 +81,7 @@ EVERYBODY = Callers()
 HERE = "this computer"  # the robot of its own programs
 
 
-class _Connection(NamedTuple):
+class _CallerConnection(NamedTuple):
     robot: str
     since: float  # when it was made, or the last question on it came
     kept: bool  # for a long poll
@@ -111,7 +111,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         self.malformed, self._callers = malformed, callers
         self.sent = Count()  # bytes of answers
         self.throttle = Throttle(_SHARE, _TOGETHER, _AHEAD, _PATIENCE)
-        self._open: Dict[socket.socket, _Connection] = {}
+        self._open: Dict[socket.socket, _CallerConnection] = {}
         robots, own = callers.robots, callers.own
         more = _FOR_EACH * len(robots)
         self._shares = {  # by whether they are kept for a long poll
@@ -141,7 +141,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
                 return False
             self._end(request)
             self._shares[kept].add(robot)
-            self._open[request] = _Connection(robot, monotonic(), kept)
+            self._open[request] = _CallerConnection(robot, monotonic(), kept)
             return True
 
     def _end(self, request: socket.socket) -> None:

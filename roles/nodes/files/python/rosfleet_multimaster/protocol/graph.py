@@ -156,14 +156,14 @@ def shareable_part(state: State) -> State:
 
 
 @dataclass(frozen=True)
-class Policy:
+class ExportPolicy:
     """Rules about what others are told. This computer itself is told everything."""
 
     hidden: Rules = Rules()
     exports: Optional[Mapping[str, Rules]] = None  # by address, "*" for all others; None: everything to everybody
 
     @classmethod
-    def from_parameters(cls, parameters: Mapping[str, Any]) -> "Policy":
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> "ExportPolicy":
         """The policy in the parameters of master_discovery, which have been checked."""
 
         def pattern(name: str) -> Pattern:

@@ -25,7 +25,7 @@ def write(node: str, uri: str, claims: Claims) -> str:
     return json.dumps({"node": node, "uri": uri, "imports": imports})
 
 
-class Record(NamedTuple):
+class ImportRecord(NamedTuple):
     """The record: the name and the URI of master_sync, and the nodes that it registered."""
 
     node: str = ""
@@ -33,7 +33,7 @@ class Record(NamedTuple):
     claims: Claims = {}
 
 
-def read(text: Any) -> Record:
+def read(text: Any) -> ImportRecord:
     """The record in a value of the parameter server; an empty one where it is damaged."""
     try:
         found = json_text.from_json(text) if isinstance(text, str) else {}
@@ -43,6 +43,6 @@ def read(text: Any) -> Record:
             for node, uri in nodes.items()
             if isinstance(uri, str)
         }
-        return Record(str(found.get("node") or ""), str(found.get("uri") or ""), claims)
+        return ImportRecord(str(found.get("node") or ""), str(found.get("uri") or ""), claims)
     except (AttributeError, KeyError, TypeError, ValueError):
-        return Record()
+        return ImportRecord()

@@ -17,7 +17,7 @@ STRANGERS, ALLOWED = "", "allowed computers"  # who is at an address, in the pla
 LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
 
 
-class Member(NamedTuple):
+class MemberRobot(NamedTuple):
     """A robot of the fleet. Its router is one without a master."""
 
     robot: str
@@ -29,7 +29,7 @@ class Member(NamedTuple):
     ports: FrozenSet[int]  # of its roscore and its discovery: no node has them
 
     @classmethod
-    def from_entry(cls, entry: Mapping[str, Any]) -> "Member":
+    def from_entry(cls, entry: Mapping[str, Any]) -> "MemberRobot":
         """Read an entry of ~members, which has been checked."""
         uris = frozenset(normalize_uri(uri) for uri in entry["uris"])
         ports = {entry["rpc_port"], *(port_of(uri) for uri in uris)}
@@ -62,7 +62,7 @@ class Networks:
 class Members:
     """The robots of the fleet, and what becomes of strangers."""
 
-    def __init__(self, robots: Iterable[Member] = (), strangers: str = ALLOW, allow: Iterable[str] = ()) -> None:
+    def __init__(self, robots: Iterable[MemberRobot] = (), strangers: str = ALLOW, allow: Iterable[str] = ()) -> None:
         self.robots = tuple(robots)
         self.strangers = strangers
         self.allow = Networks(allow)
@@ -75,14 +75,14 @@ class Members:
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any]) -> "Members":
         """The members in the parameters of a node, which have been checked."""
-        robots = [Member.from_entry(entry) for entry in parameters.get("members") or ()]
+        robots = [MemberRobot.from_entry(entry) for entry in parameters.get("members") or ()]
         return cls(robots, parameters.get("strangers", ALLOW), parameters.get("allow") or ())
 
-    def master(self, uri: str) -> Optional[Member]:
+    def master(self, uri: str) -> Optional[MemberRobot]:
         """The robot whose master has this URI; None for a stranger's."""
         return self._by_uri.get(normalize_uri(uri))
 
-    def member_at(self, address: str) -> Optional[Member]:
+    def member_at(self, address: str) -> Optional[MemberRobot]:
         """The robot whose master is on the computer with this address."""
         return self._by_address.get(address)
 

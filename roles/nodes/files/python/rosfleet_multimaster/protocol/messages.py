@@ -14,7 +14,7 @@ NodeKey = Tuple[str, str]  # name and URI of a node
 Row = Tuple[str, str, str]  # kind, topic or service, node
 
 
-class Master(NamedTuple):
+class AnnouncedMaster(NamedTuple):
     """A master, as discovery announces it (`~changes`) and lists it (`~list_masters`)."""
 
     name: str
@@ -26,7 +26,7 @@ class Master(NamedTuple):
     online: bool
 
 
-class Link(NamedTuple):
+class LinkQuality(NamedTuple):
     """The quality of the link to a master: per cent of the expected heartbeats, -1 where none are promised."""
 
     name: str
@@ -103,7 +103,7 @@ PREFIX = "multimaster: "  # of all names: an analyzer of diagnostic_aggregator f
 VALUES = 200  # of an entry of /diagnostics
 
 
-class Diagnosis(NamedTuple):
+class DiagnosticEntry(NamedTuple):
     """An entry of /diagnostics."""
 
     name: str
@@ -112,9 +112,9 @@ class Diagnosis(NamedTuple):
     level: int = OK
 
 
-def warning(name: str, why: str, values: List[Tuple[str, str]]) -> Diagnosis:
+def warning(name: str, why: str, values: List[Tuple[str, str]]) -> DiagnosticEntry:
     """An entry that is a warning where it has values, of which not too many are shown."""
     if not values:
-        return Diagnosis(PREFIX + name, "OK", [])
+        return DiagnosticEntry(PREFIX + name, "OK", [])
     more = [("more", f"{len(values) - VALUES} are not listed here")] if len(values) > VALUES else []
-    return Diagnosis(PREFIX + name, why, values[:VALUES] + more, WARN)
+    return DiagnosticEntry(PREFIX + name, why, values[:VALUES] + more, WARN)

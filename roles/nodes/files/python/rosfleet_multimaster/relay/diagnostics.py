@@ -6,17 +6,17 @@ from typing import Sequence
 
 from ..edge import diagnostic_classes
 from ..edge.addresses import find_own_host
-from ..protocol.messages import Diagnosis
-from .feed import Feed
+from ..protocol.messages import DiagnosticEntry
+from .feed import TopicFeed
 
 TOPIC = "/diagnostics"
 TYPE = "diagnostic_msgs/DiagnosticArray"
 
 
-class Diagnostics:
+class DiagnosticsPublisher:
     """The publisher, as edge/display.py wants one."""
 
-    def __init__(self, feed: Feed) -> None:
+    def __init__(self, feed: TopicFeed) -> None:
         self._feed, self._classes = feed, diagnostic_classes.messages()
         kind = self._classes.DiagnosticArray
         self._header = {"type": kind._type, "md5sum": kind._md5sum, "message_definition": kind._full_text}
@@ -25,7 +25,7 @@ class Diagnostics:
         """True where a node has subscribed."""
         return self._feed.has_sinks
 
-    def publish(self, parts: Sequence[Diagnosis], now: float, robot: str) -> None:
+    def publish(self, parts: Sequence[DiagnosticEntry], now: float, robot: str) -> None:
         """Publish these entries of a robot; the last message stays for who comes later. `now` is the wall clock."""
         hardware = "/".join(filter(None, (robot, find_own_host())))
         message = diagnostic_classes.build_array(self._classes, parts, now, hardware)

@@ -18,7 +18,7 @@ from .account import Accounts
 from .calls import Call, Calls
 from .core.rates import NO_RATE
 from .dial import Dialers, listen
-from .feed import Feed, Fields
+from .feed import Fields, TopicFeed
 from .given import GivenSide
 from .parties import NAME, NODE, ROBOT, Parties
 from .taken import TakenSide
@@ -42,7 +42,7 @@ class Entrance:
         accounts: Accounts,
         limited: program.LimitedLog,
         dialers: Dialers,
-        sides: Tuple[GivenSide, TakenSide, Dict[str, Feed]],
+        sides: Tuple[GivenSide, TakenSide, Dict[str, TopicFeed]],
         on_change: Callable[[], None],
         request_look: Callable[[float], None],
     ) -> None:
@@ -52,7 +52,7 @@ class Entrance:
         self._on_change, self._request_look = on_change, request_look
         self._listener = listen()
         self._listens_at = 0.0  # when it is watched again; 0: it is
-        self._wires: Dict[Wire, Optional[Feed]] = {}
+        self._wires: Dict[Wire, Optional[TopicFeed]] = {}
         self._calls = Calls(loop, [f"{way} {robot}" for robot in parties.all for way in ("of", "to")])
         self._open = Shares(MOST_WIRES, MOST_WIRES_OF_ONE, parties.all, parties.robot)
         self._new = Shares(MOST_NEW, MOST_NEW_OF_ONE, parties.all, parties.robot)
@@ -129,7 +129,7 @@ class Entrance:
             self._pass_call(wire, header)
             return
         topic, robot = header.get("topic", ""), header.get(ROBOT)
-        feed: Optional[Feed]
+        feed: Optional[TopicFeed]
         rate = NO_RATE
         if robot is not None:
             feed, rate = self._given.find_feed(wire, robot, topic, header.get(NODE, ""))
@@ -187,7 +187,7 @@ class Entrance:
             self._taken.forget_idle(feed)
             self._on_change()
 
-    def _forget(self, wire: Wire) -> Optional[Feed]:
+    def _forget(self, wire: Wire) -> Optional[TopicFeed]:
         """Count a connection no more. Return the feed that it listens to."""
         self._open.remove(wire.robot)
         return self._wires.pop(wire, None)

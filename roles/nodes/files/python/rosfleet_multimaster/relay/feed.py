@@ -35,7 +35,7 @@ def ask_for(node: str, topic: str) -> Fields:
     return {"callerid": node, "topic": topic, "type": "*", "md5sum": "*", "tcp_nodelay": "1"}
 
 
-class Link(NamedTuple):
+class BusLink(NamedTuple):
     """A connection, as getBusInfo and getBusStats tell it (wiki.ros.org/ROS/Slave_API)."""
 
     number: int
@@ -90,7 +90,7 @@ class _Sink:
         self.md5sum = ""  # that it was told; empty before it has its header
 
 
-class Feed:
+class TopicFeed:
     """One topic."""
 
     def __init__(
@@ -161,19 +161,19 @@ class Feed:
         for wire in list(self._sinks):
             wire.end()
 
-    def list_links(self) -> List[Link]:
+    def list_links(self) -> List[BusLink]:
         """List the connections. Called from any thread."""
         sinks, sources = list(self._sinks.values()), list(self._sources.values())
         wires = [(source.wire, source.origin) for source in sources if source.header is not None]
         links = [
-            Link(wire.number, origin.uri, True, origin.question["topic"], wire.title, 0, 0)
+            BusLink(wire.number, origin.uri, True, origin.question["topic"], wire.title, 0, 0)
             for wire, origin in wires
             if wire is not None
         ]
         for sink in sinks:
             box, peer = sink.wire.outbox, plain((sink.wire.header or {}).get("callerid", ""))
             links.append(
-                Link(sink.wire.number, peer, False, sink.answer["topic"], sink.wire.title, box.sent, box.messages)
+                BusLink(sink.wire.number, peer, False, sink.answer["topic"], sink.wire.title, box.sent, box.messages)
             )
         return links
 
@@ -388,4 +388,4 @@ class Feed:
         return found
 
 
-MakeFeed = Callable[[str, bool], Feed]  # of a topic; whether it has one publisher
+MakeFeed = Callable[[str, bool], TopicFeed]  # of a topic; whether it has one publisher

@@ -18,7 +18,7 @@ from .core.channels import SERVICE, TOPIC, Own, OwnNodes, list_offers, list_own
 from .core.frames import STATIC, Frames
 from .core.rates import NO_RATE, Rate
 from .dial import dial_node, dial_service
-from .feed import Dial, Feed, MakeFeed, Origin, ask_for
+from .feed import Dial, MakeFeed, Origin, TopicFeed, ask_for
 from .parties import NAME, Parties
 from .wire import Wire
 
@@ -86,7 +86,7 @@ class GivenSide:
         self._claims: imports.Claims = {}  # of the same reading
         self._topics: Own = {}
         self._services: Own = {}
-        self.feeds: Dict[Tuple[str, str, Optional[Frames]], Feed] = {}  # by topic, node and frames
+        self.feeds: Dict[Tuple[str, str, Optional[Frames]], TopicFeed] = {}  # by topic, node and frames
 
     @property
     def is_known(self) -> bool:
@@ -146,7 +146,7 @@ class GivenSide:
 
     # Other relays, which ask
 
-    def find_feed(self, wire: Wire, robot: str, name: str, node: str) -> Tuple[Optional[Feed], Rate]:
+    def find_feed(self, wire: Wire, robot: str, name: str, node: str) -> Tuple[Optional[TopicFeed], Rate]:
         """Return the feed that another relay wants, and its rate; None where it may not have it."""
         for channel in self._parties.list_channels_of(robot, wire.address):
             topic = channel.find_local(TOPIC, name, given=True)
@@ -166,7 +166,7 @@ class GivenSide:
                 return feed, channel.rate
         return None, NO_RATE
 
-    def _aim_at_node(self, feed: Feed, topic: str, node: str, frames: Optional[Frames]) -> None:
+    def _aim_at_node(self, feed: TopicFeed, topic: str, node: str, frames: Optional[Frames]) -> None:
         uri = self.seen.node_uris.get(node, "")
         change, own = None if frames is None else frames.add, self._accounts.find(self._parties.robot)
         dial = partial(dial_node, uri, NAME, topic, self._parties.hosts)

@@ -13,7 +13,7 @@ from ..edge.loop import Workers
 from ..edge.process import program
 from ..edge.roscore import Roscore
 from ..edge.rpc_server import Method, PerCaller, RefusedCall
-from .feed import Link
+from .feed import BusLink
 
 WITHDRAWAL = 3.0  # seconds that the roscore has for it
 RETRY = 1.0  # seconds until a registration that was refused is tried again
@@ -25,7 +25,7 @@ Key = Tuple[str, str]  # PUBLISHER, SUBSCRIBER or PROVIDER, and a topic or servi
 class SlaveApi:
     """The methods that others call at the node. They are called in threads of the server."""
 
-    def __init__(self, master: str, port: int, end: Callable[[str], None], links: Callable[[], List[Link]]) -> None:
+    def __init__(self, master: str, port: int, end: Callable[[str], None], links: Callable[[], List[BusLink]]) -> None:
         """`port`: of the data; `end(reason)`: this computer itself wants the node to end; `links()`: its connections."""
         self._master, self.port, self._end, self._links = master, port, end, links
         self.published: Dict[str, str] = {}  # topic -> type; replaced as a whole
@@ -48,7 +48,7 @@ class SlaveApi:
 
     def _count_bytes(self) -> List[Any]:
         """The bytes and messages that have been sent: each topic with its connections. Those that came are not counted."""
-        topics: Dict[str, List[Link]] = {}
+        topics: Dict[str, List[BusLink]] = {}
         for link in self._links():
             if not link.inward:
                 topics.setdefault(link.topic, []).append(link)
@@ -78,7 +78,7 @@ class SlaveApi:
         return [1, "", 0]
 
 
-def _tell(link: Link) -> Tuple[Any, ...]:
+def _tell(link: BusLink) -> Tuple[Any, ...]:
     return link.number, link.peer, "i" if link.inward else "o", "TCPROS", link.topic, 1, link.title
 
 

@@ -10,11 +10,11 @@ from ..edge.loop import DirectRunner, Loop, RecurringJob
 from ..edge.process import program
 from ..edge.process.systemd import notify
 from ..protocol import metrics
-from ..protocol.messages import Diagnosis
+from ..protocol.messages import DiagnosticEntry
 from . import diagnostics
 from .account import Accounts
 from .core import report
-from .feed import Feed
+from .feed import TopicFeed
 from .given import GivenSide
 from .parties import NAME, OTHERS, Parties
 from .taken import TakenSide
@@ -34,7 +34,7 @@ class Overview:
         limited: program.LimitedLog,
         given: GivenSide,
         taken: TakenSide,
-        own: Mapping[str, Feed],
+        own: Mapping[str, TopicFeed],
         parties: Parties,
         accounts: Accounts,
     ) -> None:
@@ -44,7 +44,7 @@ class Overview:
         self._states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status)
         self._display = Display(values, uri, NAME, loop, limited, self._make_entries, self._make_samples)
         for feed in own.values():
-            self._display.open(partial(diagnostics.Diagnostics, feed))
+            self._display.open(partial(diagnostics.DiagnosticsPublisher, feed))
 
     def tick(self, now: float) -> Optional[float]:
         """Show what is due; the time of the next look."""
@@ -55,7 +55,7 @@ class Overview:
         """Take back what is shown."""
         self._display.end()
 
-    def list_feeds(self) -> List[Feed]:
+    def list_feeds(self) -> List[TopicFeed]:
         """List the feeds of both sides. Called from any thread."""
         return [*list(self._given.feeds.values()), *list(self._taken.feeds.values())]
 
@@ -64,7 +64,7 @@ class Overview:
             report.TopicCount(feed.topic, feed.messages, feed.size, feed.count_dropped()) for feed in self.list_feeds()
         )
 
-    def _make_entries(self) -> List[Diagnosis]:
+    def _make_entries(self) -> List[DiagnosticEntry]:
         away = sorted(set(self._parties.peers) - set(self._taken.offers))
         kept_back: Dict[str, str] = {feed.topic: feed.problem for feed in self.list_feeds() if feed.problem}
         kept_back.update({robot or OTHERS: SLOWED for robot in self._accounts.list_slowed()})

@@ -35,7 +35,7 @@ def read_answer(value: Any) -> Any:
     return value[0], value[1], read_offers(value[2])
 
 
-class Peer:
+class RelayPeer:
     """Asks one relay, in a thread of its own."""
 
     def __init__(self, robot: str, hosts: Sequence[str], port: int, own_robot: str) -> None:

@@ -10,7 +10,7 @@ from ..protocol.plain_text import quote
 from .account import Accounts
 from .core.channels import SERVICE, find_taken
 from .dial import dial_relay
-from .feed import Feed, MakeFeed, Origin, ask_for
+from .feed import MakeFeed, Origin, TopicFeed, ask_for
 from .given import Provider
 from .parties import NAME, NODE, ROBOT, Parties
 from .peers import Offers
@@ -33,7 +33,7 @@ class TakenSide:
         self.offers: Dict[str, Offers] = {}  # by robot
         self.providers: Dict[str, Provider] = {}  # service -> how the relay that has it is reached
         self.published = dict(own)  # topic -> its type, as the own roscore is told
-        self.feeds: Dict[str, Feed] = {}  # topic -> for listeners of this robot
+        self.feeds: Dict[str, TopicFeed] = {}  # topic -> for listeners of this robot
 
     def take(self, robot: str, offers: Optional[Offers], why: str) -> bool:
         """Take the offers of a robot; None: its relay does not answer, and why. False where nothing has changed."""
@@ -77,7 +77,7 @@ class TakenSide:
                 self.feeds[topic] = self._make_feed(topic, False)
             self.feeds[topic].aim(sources[topic])
 
-    def forget_idle(self, feed: Feed) -> None:
+    def forget_idle(self, feed: TopicFeed) -> None:
         """Forget a topic of others that nobody publishes any more, as soon as nobody listens."""
         if self.feeds.get(feed.topic) is feed and feed.topic not in self.published and not feed.has_sinks:
             del self.feeds[feed.topic]

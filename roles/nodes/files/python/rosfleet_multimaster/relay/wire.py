@@ -13,7 +13,7 @@ from ..protocol.tcpros.messages import MessageReader
 from .account import Account
 from .core.effort import SLICE
 from .core.outbox import Outbox
-from .core.rates import AnyThrottle, Throttle
+from .core.rates import AnyThrottle, RateLimit
 
 MAX_HEADER = 1 << 18  # bytes; the definition of the messages is in it
 MAX_MESSAGE = 1 << 24  # bytes of one message; a larger one is left out
@@ -57,7 +57,7 @@ class Wire:
         self.header: Optional[Dict[str, str]] = None  # of the other end
         self.account, self._budget = account, account.budget
         self.outbox, self.ended = Outbox(self._budget), False
-        self.throttle: AnyThrottle = Throttle(0.0)  # what waits for the rate of what is sent
+        self.throttle: AnyThrottle = RateLimit(0.0)  # what waits for the rate of what is sent
         self.since = self.progress = self._came = monotonic()
         self._loop, self.connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end

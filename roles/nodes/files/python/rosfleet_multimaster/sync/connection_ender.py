@@ -24,7 +24,7 @@ _CLIENT = 1.0  # seconds that a client may take to ask
 Pair = Tuple[Tuple[str, int], Tuple[str, int]]  # (address, port) here, and (address, port) there
 
 
-class Outcome(NamedTuple):
+class EndedConnections(NamedTuple):
     """The connections that were ended, and the problem with the others."""
 
     ended: List[Pair]
@@ -43,7 +43,7 @@ def end(wanted: Callable[[Tcp], bool], path: str = SOCKET) -> List[Pair]:
     return ended
 
 
-def ask(pairs: Sequence[Pair], path: str = SOCKET) -> Outcome:
+def ask(pairs: Sequence[Pair], path: str = SOCKET) -> EndedConnections:
     """Ask the other process to end these connections. Raises OSError where it does not answer."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as asking:
         asking.settimeout(_PATIENCE)
@@ -52,7 +52,7 @@ def ask(pairs: Sequence[Pair], path: str = SOCKET) -> Outcome:
         data = asking.recv(_BYTES)
     try:
         answer = json.loads(data.decode())
-        return Outcome([_pair(item) for item in answer["ended"]], str(answer["problem"]))
+        return EndedConnections([_pair(item) for item in answer["ended"]], str(answer["problem"]))
     except (ValueError, KeyError, TypeError):
         raise OSError("what ends connections gave no answer") from None
 
@@ -69,7 +69,7 @@ def open_listener(path: str) -> Iterator[socket.socket]:
         yield listener
 
 
-def serve_one(listener: socket.socket, patience: float, answer: Callable[[List[Pair]], Outcome]) -> int:
+def serve_one(listener: socket.socket, patience: float, answer: Callable[[List[Pair]], EndedConnections]) -> int:
     """Answer one request that comes within so many seconds. Return the number of its connections, or -1 without a request."""
     listener.settimeout(patience)
     try:

@@ -19,8 +19,8 @@ from ..edge.rpc_client import Last, Rpc
 from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import DocumentTooLarge
 from .core import copies, values
-from .core.copies import Contents, Copy, Offer, Todo
-from .core.sync import NEVER, Refusal, Sync
+from .core.copies import Contents, Copy, OfferedParameter, Todo
+from .core.sync import NEVER, RegistrationConflict, Sync
 
 LOOK = 0.5  # seconds between two looks at who is there
 ASK = 2.0  # seconds between two questions to a robot, at least
@@ -46,7 +46,7 @@ class ParameterAnswer(NamedTuple):
     size: int
 
 
-class Source:
+class ParameterSource:
     """A robot whose parameters are planned to be here."""
 
     def __init__(self, name: str) -> None:
@@ -92,12 +92,12 @@ class Copies:
     ) -> None:
         """`calls`: one thread, for all calls of the own roscore. `entries`: the parameter ~sync_parameters."""
         self.record: copies.Record = {}
-        self.refused: List[Refusal] = []
+        self.refused: List[RegistrationConflict] = []
         self._roscore, self._core, self._calls, self._limited = roscore, core, calls, limited
         self._on_change = on_change
-        self._sources: Dict[str, Source] = {}
+        self._sources: Dict[str, ParameterSource] = {}
         for entry in entries:
-            source = self._sources.setdefault(str(entry["from"]).lower(), Source(entry["from"]))
+            source = self._sources.setdefault(str(entry["from"]).lower(), ParameterSource(entry["from"]))
             source.names.update({entry.get("as", "") + name: name for name in entry["names"]})
         self._readers = Workers(loop, READERS if entries else 0)
         self._started = NEVER
@@ -152,7 +152,7 @@ class Copies:
             if master.online and not source.asking and now >= source.due:
                 self._ask(source, master.uri, now)
 
-    def _lose(self, source: Source, now: float) -> None:
+    def _lose(self, source: ParameterSource, now: float) -> None:
         """Its robot is not there, or not any more."""
         source.due = 0.0
         if source.answer is not None:
@@ -160,7 +160,7 @@ class Copies:
             source.drop()
             self._pass_due = min(self._pass_due, now)
 
-    def _ask(self, source: Source, uri: str, now: float) -> None:
+    def _ask(self, source: ParameterSource, uri: str, now: float) -> None:
         try:
             rpc = source.begin(uri)
         except OSError as problem:  # it is no address
@@ -170,7 +170,11 @@ class Copies:
         self._readers.submit(job, partial(self._on_answer, source, rpc))
 
     def _on_answer(
-        self, source: Source, rpc: Optional[Rpc], answer: Optional[ParameterAnswer], problem: Optional[Exception]
+        self,
+        source: ParameterSource,
+        rpc: Optional[Rpc],
+        answer: Optional[ParameterAnswer],
+        problem: Optional[Exception],
     ) -> None:
         """Take an answer. Without one and without a problem it is the last one again."""
         now = monotonic()
@@ -199,18 +203,22 @@ class Copies:
         offers, keep = ({}, set()) if last else self._collect(now)
         self._calls.submit(partial(self._run_pass, offers, keep, self.record, last), partial(self._on_pass, last))
 
-    def _collect(self, now: float) -> Tuple[Dict[str, Offer], Set[str]]:
+    def _collect(self, now: float) -> Tuple[Dict[str, OfferedParameter], Set[str]]:
         """What is to be here, and the names that wait for their robot."""
-        offers: Dict[str, Offer] = {}
+        offers: Dict[str, OfferedParameter] = {}
         keep: Set[str] = set()
         for source in self._sources.values():
             if source.answer is not None:
-                offers.update({name: Offer(source.title, *found) for name, found in source.answer.values.items()})
+                offers.update(
+                    {name: OfferedParameter(source.title, *found) for name, found in source.answer.values.items()}
+                )
             elif not source.met and now < self._started + LEFTOVERS:
                 keep.update(source.names)
         return offers, keep
 
-    def _run_pass(self, offers: Dict[str, Offer], keep: Set[str], record: copies.Record, last: bool) -> PassResult:
+    def _run_pass(
+        self, offers: Dict[str, OfferedParameter], keep: Set[str], record: copies.Record, last: bool
+    ) -> PassResult:
         todo = copies.plan_copies(offers, keep, record, self._read_own(sorted({*record, *offers})))
         due = todo.delete or todo.set or todo.record.keys() != record.keys() or (last and record)
         try:
@@ -266,10 +274,10 @@ class Copies:
         if len(lines) > LINES:
             program.LOG.info("... and %d more parameters", len(lines) - LINES)
 
-    def _list_objections(self) -> List[Refusal]:
+    def _list_objections(self) -> List[RegistrationConflict]:
         """A refusal for each value that is not taken."""
         return [
-            Refusal("parameter", name, source.title, "", f"its value there {why}")
+            RegistrationConflict("parameter", name, source.title, "", f"its value there {why}")
             for source in self._sources.values()
             if source.answer is not None
             for name, why in source.answer.objections.items()

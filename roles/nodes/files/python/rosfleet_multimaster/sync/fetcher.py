@@ -17,7 +17,7 @@ from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import STATE, DocumentTooLarge
 from .core.limits import size
 from .core.sync import Fetch, Sync
-from .follower import MOST, TIMEOUT, Answer, Follower, Misplaced, StateFilter
+from .follower import MOST, TIMEOUT, DifferencesAnswer, Follower, Misplaced, StateFilter
 
 MOST_FOLLOWED = 128  # masters: more are fetched when they announce a change
 
@@ -130,7 +130,7 @@ def _fetch(fetch: Fetch, before: Optional[State], states: StateFilter, quick: bo
 
 
 def _read_answer(value: Any) -> Any:
-    answer = Answer(value)
+    answer = DifferencesAnswer(value)
     state = answer.state(None)
     answer.document = None  # it is large
     return answer, state

@@ -11,7 +11,7 @@ from ..edge.process import program
 from ..edge.process.systemd import notify
 from ..edge.roscore import RoscoreGraph
 from ..protocol.imports import Claims
-from ..protocol.messages import Master, View
+from ..protocol.messages import AnnouncedMaster, View
 
 CHANGES_TYPE = "MasterState"  # the end of the type of discovery's topic
 LIST_MASTERS = "list_masters"  # the end of the name of its service
@@ -38,9 +38,9 @@ class Finder:
         roscore_calls: Workers,
         limited: program.LimitedLog,
         claims: Callable[[], Claims],
-        list_masters: Callable[[str], List[Master]],
+        list_masters: Callable[[str], List[AnnouncedMaster]],
         subscribe: Callable[[str], None],
-        on_list: Callable[[List[Master], bool, float], None],
+        on_list: Callable[[List[AnnouncedMaster], bool, float], None],
     ) -> None:
         """`subscribe(topic)` and `on_list(masters, first, asked at)` are called in the loop; `list_masters(service)` in a worker."""
         self.listed_once = False
@@ -95,7 +95,7 @@ class Finder:
             if not self.listed_once:
                 notify(f"STATUS={text}")
 
-    def _on_masters(self, answer: Optional[Tuple[float, List[Master]]], problem: Optional[Exception]) -> None:
+    def _on_masters(self, answer: Optional[Tuple[float, List[AnnouncedMaster]]], problem: Optional[Exception]) -> None:
         if answer is None:
             self._finds.due = monotonic() + LIST_FIRST
             self._service = ""

@@ -31,7 +31,7 @@ class StateTooLarge(Exception):
     """The state is too large to be followed."""
 
 
-class Answer:
+class DifferencesAnswer:
     """An answer to a question for differences. Raises InvalidDocument."""
 
     def __init__(self, value: Any) -> None:
@@ -89,7 +89,14 @@ class Follower:
     """Follows one master, in a thread of its own."""
 
     def __init__(
-        self, rpc: Rpc, method: str, fetch: Fetch, states: StateFilter, answer: Answer, state: State, part: State
+        self,
+        rpc: Rpc,
+        method: str,
+        fetch: Fetch,
+        states: StateFilter,
+        answer: DifferencesAnswer,
+        state: State,
+        part: State,
     ) -> None:
         """`method` tells the differences; `answer` had the whole state; `part` of it is taken."""
         self.fetch, self._method = fetch, method
@@ -126,7 +133,7 @@ class Follower:
         began, spent = monotonic(), processor_time()
         self._rpc.limit(wait + TIMEOUT)
         rules = [] if self._epoch else self._states.rules  # the master knows the rules of an epoch
-        answer = self._rpc.call(self._method, rules, self._epoch, self._revision, wait, read=Answer)
+        answer = self._rpc.call(self._method, rules, self._epoch, self._revision, wait, read=DifferencesAnswer)
         if self._ended:
             return
         answered = monotonic()

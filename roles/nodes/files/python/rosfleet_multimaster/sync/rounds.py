@@ -23,7 +23,7 @@ from ..protocol.messages import Registration, View
 from ..protocol.plain_text import quote
 from ..protocol.tcpros.hosts import host_of
 from .core.step import Condition, Knowledge, apply_plan, condition_of, step
-from .core.sync import NEVER, Candidate, Plan, Refusal, Sync, calls, nodes_of, plan
+from .core.sync import NEVER, Candidate, RegistrationConflict, Sync, SyncPlan, calls, nodes_of, plan
 from .disconnector import Disconnector
 from .type_questions import TypeQuestions
 
@@ -42,7 +42,7 @@ class NameTaken(Exception):
     """A name is not free any more, or a node has moved."""
 
 
-class Callbacks(NamedTuple):
+class RoundCallbacks(NamedTuple):
     """The question of a round, and its report."""
 
     has_list: Callable[[], bool]  # the list of masters has come
@@ -62,12 +62,12 @@ class Rounds:
         roscore_calls: Workers,
         updaters: Workers,
         limited: program.LimitedLog,
-        callbacks: Callbacks,
+        callbacks: RoundCallbacks,
     ) -> None:
         """`node`: name and URI of this node. `roscore_calls`: one thread, for all calls of the roscore."""
         self.claims: Claims = {}
         self.held: Dict[Registration, str] = {}
-        self.refused: List[Refusal] = []  # by the last round
+        self.refused: List[RegistrationConflict] = []  # by the last round
         self.met: Set[str] = set()  # URIs of the masters whose state has come in this life
         self.working = False
         self.made: Counter[str] = Counter()  # "registered" or "unregistered" -> the number of registrations
@@ -173,7 +173,7 @@ class Rounds:
             self.working = True
             self._carry_out(todo, view, self.held, condition_of(todo, self.claims, self._graph.guards_names))
 
-    def _small_plan(self, view: View, touched: Set[Registration], now: float) -> Optional[Plan]:
+    def _small_plan(self, view: View, touched: Set[Registration], now: float) -> Optional[SyncPlan]:
         if self._withdrawn or self._core.on_demand or not self._callbacks.has_list():
             return None
         if now - self._started < LEFTOVERS and not self.met.issuperset(self.claims.values()):
@@ -182,7 +182,7 @@ class Rounds:
         todo = step(touched, self._core.find_candidates(touched, now), knowledge, self._core.is_contested)
         return None if todo is None else replace(todo, refused=self.refused)
 
-    def _plan(self, asked: Set[Registration], met: AbstractSet[str], view: View, now: float) -> Plan:
+    def _plan(self, asked: Set[Registration], met: AbstractSet[str], view: View, now: float) -> SyncPlan:
         claims = self.claims
         wanted = [] if self._withdrawn else self._core.candidates(now, view.local_nodes(claims))
         # New candidates are for the next round: whether their names are free is not known.
@@ -198,7 +198,7 @@ class Rounds:
     # Write
 
     def _carry_out(
-        self, todo: Plan, view: View, here: Mapping[Registration, str], condition: Optional[Condition] = None
+        self, todo: SyncPlan, view: View, here: Mapping[Registration, str], condition: Optional[Condition] = None
     ) -> None:
         """Write a plan. `here`: the registrations that are there; `condition`: of a step."""
         after = apply_plan(todo, view)  # without what is withdrawn: that is no longer claimed, as an own node
@@ -221,7 +221,7 @@ class Rounds:
         # Noted while it is written: with thousands of nodes this takes a tenth of a second.
         self._disconnector.note_registrations(todo.held, after, todo.claims, monotonic())
 
-    def _write(self, todo: Plan, condition: Optional[Condition] = None) -> List[Any]:
+    def _write(self, todo: SyncPlan, condition: Optional[Condition] = None) -> List[Any]:
         """Make all calls in one request, the record of imports first; in the thread of the roscore. Raises NameTaken."""
         if condition and self._roscore.ask(*condition) != list(condition.values()):
             raise NameTaken
@@ -234,7 +234,7 @@ class Rounds:
     def _record(self, claims: Claims) -> str:
         return imports.write(*self._node, claims)
 
-    def _on_results(self, todo: Plan, results: Optional[List[Any]], problem: Optional[Exception]) -> None:
+    def _on_results(self, todo: SyncPlan, results: Optional[List[Any]], problem: Optional[Exception]) -> None:
         # Also after a failure: the plan may be carried out, as the next round will see.
         claims, self.claims = self.claims, todo.claims
         if results is None:

@@ -11,7 +11,7 @@ from ..edge.loop import Loop, Workers
 from ..edge.rpc_client import Rpc
 from ..protocol.messages import NodeKey
 from ..protocol.xml_rpc import NODE
-from .core.message_types import TypeGuard, Verdict
+from .core.message_types import TypeGuard, TypeVerdict
 
 TYPES = 200  # types in one question to another master: the answer must fit
 TIMEOUT = 2.0  # seconds for the answer of an own node or of another master
@@ -35,7 +35,7 @@ class TypeQuestions:
         self.guard = TypeGuard()
         self._monitor_of, self._md5sum, self._on_answer = monitor_of, md5sum, on_answer
 
-    def ask(self, verdict: Verdict) -> None:
+    def ask(self, verdict: TypeVerdict) -> None:
         """Ask what is to be asked, and hand the answers to the guard later."""
         for node in verdict.nodes:
             self._workers.submit(partial(_types_of, node[1]), partial(self._take_types, node))

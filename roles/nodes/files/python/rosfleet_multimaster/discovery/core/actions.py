@@ -5,7 +5,7 @@
 from collections import deque
 from typing import Callable, Deque, NamedTuple, Optional, Union
 
-from ...protocol.messages import Master
+from ...protocol.messages import AnnouncedMaster
 from .peer import Key, Peer
 
 CONTACT_LIMIT, NEWCOMER_LIMIT, LEAVE_LIMIT = 3.0, 1.5, 1.0  # seconds for an answer over TCP
@@ -27,11 +27,11 @@ class Ask(NamedTuple):
     newcomer: bool  # it has not said yet who it is: must not keep the others waiting
 
 
-class Event(NamedTuple):
+class MasterEvent(NamedTuple):
     """A master is new, changed or removed."""
 
     change: str
-    master: Master
+    master: AnnouncedMaster
 
 
 class Say(NamedTuple):
@@ -42,10 +42,10 @@ class Say(NamedTuple):
     text: str
 
 
-Action = Union[Send, Ask, Event, Say]
+Action = Union[Send, Ask, MasterEvent, Say]
 
 
-class Outbox:
+class ActionOutbox:
     """The actions that wait for the program."""
 
     def __init__(self, is_own: Callable[[str], bool]) -> None:
@@ -69,9 +69,9 @@ class Outbox:
         """Have a sender asked over TCP who it is, of which nothing else is kept."""
         self.actions.append(Ask(key, f"http://{key[0]}:{key[2]}", NEWCOMER_LIMIT, True))
 
-    def event(self, change: str, master: Master) -> None:
+    def event(self, change: str, master: AnnouncedMaster) -> None:
         """Have the others on this computer told of a master."""
-        self.actions.append(Event(change, master))
+        self.actions.append(MasterEvent(change, master))
 
     def say(self, level: str, topic: str, text: str) -> None:
         """Have a line logged."""

@@ -5,9 +5,9 @@
 from typing import Dict, List, Optional, Tuple
 
 from ...protocol.heartbeat import Kind
-from ...protocol.messages import Master
+from ...protocol.messages import AnnouncedMaster
 from ...protocol.parameters import Settings
-from .actions import Outbox
+from .actions import ActionOutbox
 from .local_master import LocalMaster
 from .peer import LONG_AGO
 from .peers import Peers
@@ -22,7 +22,7 @@ MAX_ANSWERED = 4096  # addresses that are answered in a second
 class Announcements:
     """The announcements of the own master, and the requests of a start."""
 
-    def __init__(self, settings: Settings, local: LocalMaster, peers: Peers, outbox: Outbox) -> None:
+    def __init__(self, settings: Settings, local: LocalMaster, peers: Peers, outbox: ActionOutbox) -> None:
         self._settings, self._local, self._peers, self._outbox = settings, local, peers, outbox
         self._announce: List[float] = []  # when the state is told, or that it has gone
         self._request: List[float] = []  # when the others are asked
@@ -30,7 +30,7 @@ class Announcements:
         self._left = False
         self._answered: Dict[Optional[str], float] = {}
 
-    def take(self, before: Optional[Master], master: Master, now: float) -> None:
+    def take(self, before: Optional[AnnouncedMaster], master: AnnouncedMaster, now: float) -> None:
         """Announce a state that is new or changed, several times."""
         self._left = False
         if before is None or not before.online:

@@ -31,9 +31,9 @@ from typing import Container, Iterable, Optional, Tuple
 
 from ...protocol.heartbeat import Heartbeat, InvalidHeartbeat, Kind, decode
 from ...protocol.members import Members
-from ...protocol.messages import Master
+from ...protocol.messages import AnnouncedMaster
 from ...protocol.parameters import Settings
-from .actions import Outbox
+from .actions import ActionOutbox
 from .announcements import Announcements
 from .life import Life
 from .local_master import LocalMaster
@@ -41,7 +41,7 @@ from .newcomers import Newcomers
 from .outsiders import Outsiders
 from .peer import FAR, LONG_AGO, Contact, Key, Peer
 from .peers import News, Peers
-from .view import View
+from .view import MasterView
 
 SCAN, EARLY = 1.0, 0.5  # seconds between two ticks at most; and the tidying may come so much before its time
 ASLEEP = 1.5  # seconds between two ticks after which this computer was asleep, and the others were not silent
@@ -57,20 +57,20 @@ class Discovery:
         self.members = Members() if members is None else members
         self.malformed = 0
         self.local = LocalMaster(settings, own_addresses, rpc_port, self.members)
-        self._outbox = Outbox(self.local.is_own)
+        self._outbox = ActionOutbox(self.local.is_own)
         self.actions = self._outbox.actions
         self.outsiders = Outsiders(self._outbox)
         self.peers = Peers(settings, self.members, self.local, self._outbox)
         self.newcomers = Newcomers(self.members, self.outsiders, self._outbox)
         self.announcements = Announcements(settings, self.local, self.peers, self._outbox)
-        self.view = View(settings, self.members, self.local, self.peers, self._outbox)
+        self.view = MasterView(settings, self.members, self.local, self.peers, self._outbox)
         self.life = Life(self.members, self.outsiders, self.peers, self.newcomers, self.view, self._outbox)
         self._ticked = FAR
         self._next_scan = 0.0
 
     # What the program tells
 
-    def take_own_state(self, master: Master, now: float) -> None:
+    def take_own_state(self, master: AnnouncedMaster, now: float) -> None:
         """Take the state of the own master: its roscore answers. A changed state is announced, several times."""
         self.peers.mark_stale()
         self.announcements.take(self.local.take(master, now), master, now)

@@ -10,7 +10,7 @@ import math
 from typing import Any, Dict, Iterable, Iterator, NamedTuple, Optional, Sequence, Set
 
 from ...protocol.members import Members, normalize_uri
-from ...protocol.messages import Link, Master
+from ...protocol.messages import AnnouncedMaster, LinkQuality
 from ...protocol.plain_text import plain, quote
 
 EACH, ANY = 30.0, 5.0  # seconds from a question to one master to the next one to it, and to any master
@@ -20,7 +20,7 @@ MOST = 128  # links that are shown: more would be a flood
 APART = (0.1, 0.5)  # seconds that two clocks are apart: tf extrapolates, and then messages are dropped
 
 
-class Answer(NamedTuple):
+class ClockAnswer(NamedTuple):
     """The answer of a master to the question for its time."""
 
     seconds: float  # from the question to it, the connection included
@@ -41,7 +41,7 @@ class LinkHealth(NamedTuple):
     quality: float  # per cent of the heartbeats that came, -1 where none are promised or it is not there
     silent: Optional[float]  # seconds since it was heard; None for not at all
     losses: int  # how often it was lost
-    answer: Optional[Answer]
+    answer: Optional[ClockAnswer]
 
 
 class LinkList(NamedTuple):
@@ -51,13 +51,13 @@ class LinkList(NamedTuple):
     left_out: int = 0
 
 
-def read_answer(value: Any, began: float, seconds: float) -> Answer:
+def read_answer(value: Any, began: float, seconds: float) -> ClockAnswer:
     """Read what getCurrentTime returned; the sender may be hostile. `began`: the wall clock here. Raises ValueError."""
     if not isinstance(value, list) or len(value) != 2 or not isinstance(value[1], float):
         raise ValueError("it does not tell its time")
     if not (math.isfinite(value[1]) and 0.0 <= value[1] < 2**32):
         raise ValueError(f"its time is {value[1]:g}")
-    return Answer(seconds, value[1] - began - seconds / 2)
+    return ClockAnswer(seconds, value[1] - began - seconds / 2)
 
 
 class Health:
@@ -66,11 +66,11 @@ class Health:
     def __init__(self, own_uri: str, members: Members) -> None:
         self._own_uri, self._members = normalize_uri(own_uri), members
         self._losses: Dict[str, int] = {}
-        self._answers: Dict[str, Answer] = {}
+        self._answers: Dict[str, ClockAnswer] = {}
         self._asked: Dict[str, float] = {}  # in the order of the questions
         self._last = -ANY
 
-    def take_event(self, change: str, before: Optional[Master], master: Master) -> None:
+    def take_event(self, change: str, before: Optional[AnnouncedMaster], master: AnnouncedMaster) -> None:
         """Take an event of discovery. `before`: the master as it was."""
         was_online = before is not None and before.online
         if was_online and not master.online and self._is_other(master):
@@ -82,7 +82,7 @@ class Health:
             if self._members.master(master.uri) is None:
                 self._losses.pop(master.uri, None)
 
-    def question(self, masters: Iterable[Master], now: float) -> Optional[Master]:
+    def question(self, masters: Iterable[AnnouncedMaster], now: float) -> Optional[AnnouncedMaster]:
         """The master to ask now for its time: the one whose turn it is."""
         if now - self._last < ANY:
             return None
@@ -94,16 +94,16 @@ class Health:
         self._asked[chosen.uri] = self._last = now
         return chosen
 
-    def take_answer(self, uri: str, answer: Optional[Answer]) -> None:
+    def take_answer(self, uri: str, answer: Optional[ClockAnswer]) -> None:
         """Take an answer, or that there was none."""
         if answer is None or uri not in self._asked:
             self._answers.pop(uri, None)
         else:
             self._answers[uri] = answer
 
-    def links(self, masters: Iterable[Master], links: Iterable[Link]) -> LinkList:
+    def links(self, masters: Iterable[AnnouncedMaster], links: Iterable[LinkQuality]) -> LinkList:
         """The links to the masters that are listed, and to those of the fleet that are not there. No name is there twice."""
-        heard: Dict[str, Link] = {}
+        heard: Dict[str, LinkQuality] = {}
         for link in links:  # a robot that is heard from two addresses has two
             best = heard.get(link.uri)
             heard[link.uri] = link if best is None or link.silent < best.silent else best
@@ -122,7 +122,7 @@ class Health:
                 losses = sum(count for uri, count in self._losses.items() if normalize_uri(uri) in robot.uris)
                 yield LinkHealth(plain(robot.name, NAME), min(robot.uris, default=""), False, -1.0, None, losses, None)
 
-    def _describe_link(self, master: Master, link: Optional[Link]) -> LinkHealth:
+    def _describe_link(self, master: AnnouncedMaster, link: Optional[LinkQuality]) -> LinkHealth:
         quality = link.quality if link is not None and master.online else -1.0
         silent = link.silent if link is not None else None
         losses, answer = self._losses.get(master.uri, 0), self._answers.get(master.uri)
@@ -130,5 +130,5 @@ class Health:
         name = plain(master.name, NAME) if planned else quote(master.name, NAME - 2)
         return LinkHealth(name, master.uri, master.online, quality, silent, losses, answer)
 
-    def _is_other(self, master: Master) -> bool:
+    def _is_other(self, master: AnnouncedMaster) -> bool:
         return normalize_uri(master.uri) != self._own_uri

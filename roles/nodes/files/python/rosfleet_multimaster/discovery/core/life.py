@@ -11,12 +11,12 @@ from typing import Optional
 from ...protocol.heartbeat import Kind
 from ...protocol.members import Members
 from ...protocol.plain_text import quote
-from .actions import Outbox
+from .actions import ActionOutbox
 from .newcomers import FORGET_NEWCOMER, Newcomers
 from .outsiders import Outsiders
 from .peer import Contact, Key, Peer
 from .peers import MAX_MASTERS, MAX_PER_ADDRESS, News, Peers
-from .view import View
+from .view import MasterView
 
 LEAVE_CHECKS = (0.2, 1.0, 3.0)  # seconds: a peer that still answers after these has not left
 LEAVE_PAUSE = 1.0  # seconds between a contact and the first check of another LEAVE
@@ -28,7 +28,13 @@ class Life:
     """Takes the answers of peers, and their leave."""
 
     def __init__(
-        self, members: Members, outsiders: Outsiders, peers: Peers, newcomers: Newcomers, view: View, outbox: Outbox
+        self,
+        members: Members,
+        outsiders: Outsiders,
+        peers: Peers,
+        newcomers: Newcomers,
+        view: MasterView,
+        outbox: ActionOutbox,
     ) -> None:
         self._members, self._outsiders, self._peers = members, outsiders, peers
         self._newcomers, self._view, self._outbox = newcomers, view, outbox

@@ -7,7 +7,7 @@ from typing import Container, Deque, FrozenSet, Iterable, Optional
 
 from ...protocol.heartbeat import Heartbeat, Kind, Stamp, encode
 from ...protocol.members import Members
-from ...protocol.messages import Master
+from ...protocol.messages import AnnouncedMaster
 from ...protocol.parameters import Settings
 
 
@@ -19,7 +19,7 @@ class LocalMaster:
         self.addresses: FrozenSet[str] = frozenset(addresses)
         self.networks: Optional[Container[str]] = None  # of this computer; None where they do not matter
         self.rpc_port = rpc_port
-        self.master: Optional[Master] = None
+        self.master: Optional[AnnouncedMaster] = None
         self.since = 0.0  # when its first state came
         self.beats: Deque[float] = deque(maxlen=512)  # when its own heartbeats were heard
         self._members = members
@@ -34,7 +34,7 @@ class LocalMaster:
         """True where the own master has a state to announce."""
         return self.master is not None and self.master.online
 
-    def take(self, master: Master, now: float) -> Optional[Master]:
+    def take(self, master: AnnouncedMaster, now: float) -> Optional[AnnouncedMaster]:
         """Take the state of the own master. The one before."""
         before, self.master = self.master, master
         if before is None:

@@ -6,8 +6,8 @@ from typing import Dict, List, Set
 
 from ...protocol.heartbeat import Heartbeat, Kind
 from ...protocol.members import Members
-from .actions import NEWCOMER_LIMIT, Outbox
-from .outsiders import Budget, Outsiders
+from .actions import NEWCOMER_LIMIT, ActionOutbox
+from .outsiders import ConnectionBudget, Outsiders
 from .peer import FAR, Key, Peer
 
 MAX_NEWCOMERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
@@ -17,11 +17,11 @@ FORGET_NEWCOMER = 30.0  # seconds of silence
 class Newcomers:
     """The table of the newcomers, and those that are being asked."""
 
-    def __init__(self, members: Members, outsiders: Outsiders, outbox: Outbox) -> None:
+    def __init__(self, members: Members, outsiders: Outsiders, outbox: ActionOutbox) -> None:
         self.table: Dict[Key, Peer] = {}  # in the order in which they were last heard
         self._members, self._outsiders, self._outbox = members, outsiders, outbox
         self._asked: Set[Key] = set()  # those that are being asked who they are
-        self._budget = Budget()
+        self._budget = ConnectionBudget()
         self._turn = False
 
     def hear(self, key: Key, beat: Heartbeat, now: float) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 from ...protocol.plain_text import quote
-from .actions import Outbox
+from .actions import ActionOutbox
 from .peer import FAR, LONG_AGO, Contact, Key
 
 TRIES = 2  # connections to an address that has not said who it is,
@@ -21,7 +21,7 @@ MAX_OUTSIDERS, MAX_ASKED = 256, 4  # that are remembered; that are asked at the 
 MAX_TRIED = 16384  # addresses; more are not asked
 
 
-class Budget:
+class ConnectionBudget:
     """Connections to addresses that have not said who they are."""
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class _Outsider:
 class Outsiders:
     """The senders that are ignored, by their addresses."""
 
-    def __init__(self, outbox: Outbox) -> None:
+    def __init__(self, outbox: ActionOutbox) -> None:
         self._outbox = outbox
         self._table: Dict[str, _Outsider] = {}  # in the order in which they were last heard
         self._tries: Dict[str, Tuple[int, float]] = {}  # address -> how many, and when the last one was

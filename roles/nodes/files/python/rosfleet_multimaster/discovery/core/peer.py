@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Deque, Dict, NamedTuple, Optional, Tuple
 
 from ...protocol.heartbeat import Heartbeat
-from ...protocol.messages import Master
+from ...protocol.messages import AnnouncedMaster
 from ...protocol.plain_text import is_plain, quote
 from ...protocol.tcpros.hosts import host_of
 
@@ -120,8 +120,10 @@ class Peer:
         state = (self.beat.stamp, self.beat.local_stamp, self.online, self.is_leaving)
         return (*state, self.rate, self.contact_due, self.contact, silent)
 
-    def master(self) -> Master:
+    def master(self) -> AnnouncedMaster:
         """The master as others are told of it; not for a newcomer."""
         stamp, local = self.beat.stamp.seconds, self.beat.local_stamp.seconds
         contact = self.contact or Contact(0.0, "", "", "")
-        return Master(contact.name, contact.uri, self.monitor_uri, contact.discoverer, stamp, local, self.online)
+        return AnnouncedMaster(
+            contact.name, contact.uri, self.monitor_uri, contact.discoverer, stamp, local, self.online
+        )

@@ -7,7 +7,7 @@ from typing import Callable, Dict, Iterator, List, NamedTuple, Optional, Set, Tu
 from ...protocol.heartbeat import Heartbeat, Kind, Stamp
 from ...protocol.members import Members
 from ...protocol.parameters import Settings
-from .actions import Outbox
+from .actions import ActionOutbox
 from .local_master import LocalMaster
 from .peer import FAR, Contact, Key, Peer
 
@@ -53,7 +53,7 @@ class News(NamedTuple):
 class Peers:
     """The table of the peers."""
 
-    def __init__(self, settings: Settings, members: Members, local: LocalMaster, outbox: Outbox) -> None:
+    def __init__(self, settings: Settings, members: Members, local: LocalMaster, outbox: ActionOutbox) -> None:
         self.table: Dict[Key, Peer] = {}
         self.stale = False  # something may differ from what is public
         self._settings, self._members, self.local, self._outbox = settings, members, local, outbox

@@ -5,14 +5,14 @@
 from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
 from ...protocol import metrics
-from ...protocol.messages import ERROR, OK, PREFIX, VALUES, WARN, Diagnosis, warning
+from ...protocol.messages import ERROR, OK, PREFIX, VALUES, WARN, DiagnosticEntry, warning
 from .health import APART, LinkHealth, LinkList
 from .outsiders import Outsider
 
 FEW = 50.0  # per cent of the heartbeats: fewer are a bad link
 
 
-def outsiders(ignored: Iterable[Outsider]) -> Diagnosis:
+def outsiders(ignored: Iterable[Outsider]) -> DiagnosticEntry:
     """The entry about senders that are ignored."""
     values = [(item.address, str(item)) for item in ignored]
     return warning("strangers", f"ignored, since they do not belong to the fleet: {len(values)}", values)
@@ -21,22 +21,22 @@ def outsiders(ignored: Iterable[Outsider]) -> Diagnosis:
 # Links
 
 
-def roscore(uri: str, away: str, refused: Any = None) -> Diagnosis:
+def roscore(uri: str, away: str, refused: Any = None) -> DiagnosticEntry:
     """The entry about the own roscore. `away`: why there is no state of it, "" where there is one.
 
     `refused`: bound -> how many requests were beyond it since its start.
     """
     counts = refused if isinstance(refused, dict) else {}
     values = [(f"refused requests, {bound}", f"{count}") for bound, count in sorted(counts.items())[:VALUES]]
-    return Diagnosis(f"{PREFIX}roscore", away or "it answers", [("uri", uri), *values], ERROR if away else OK)
+    return DiagnosticEntry(f"{PREFIX}roscore", away or "it answers", [("uri", uri), *values], ERROR if away else OK)
 
 
-def links(shown: LinkList) -> List[Diagnosis]:
+def links(shown: LinkList) -> List[DiagnosticEntry]:
     """The entries about the masters of other robots: one for all, one for each link, and one for the clocks."""
     online = sum(link.online for link in shown.links)
     more = [("more", f"{shown.left_out} are not listed here")] if shown.left_out else []
     level = OK if online == len(shown.links) else WARN
-    masters = Diagnosis(
+    masters = DiagnosticEntry(
         f"{PREFIX}masters",
         f"{online} of {len(shown.links)} are there",
         [(link.name, "online" if link.online else "not there") for link in shown.links] + more,
@@ -45,7 +45,7 @@ def links(shown: LinkList) -> List[Diagnosis]:
     return [masters, *map(_link, shown.links), _clocks(shown.links)]
 
 
-def _link(link: LinkHealth) -> Diagnosis:
+def _link(link: LinkHealth) -> DiagnosticEntry:
     level, message = _verdict(link)
     values = [("uri", link.uri), ("lost", f"{link.losses} times")]
     if link.silent is not None:
@@ -54,7 +54,7 @@ def _link(link: LinkHealth) -> Diagnosis:
         values.append(("heartbeats", f"{link.quality:.0f} %"))
     if link.answer is not None:
         values.append(("answer", f"{link.answer.seconds * 1000:.1f} ms"))
-    return Diagnosis(f"{PREFIX}link to {link.name}", message, values, level)
+    return DiagnosticEntry(f"{PREFIX}link to {link.name}", message, values, level)
 
 
 def _verdict(link: LinkHealth) -> Tuple[int, str]:
@@ -65,7 +65,7 @@ def _verdict(link: LinkHealth) -> Tuple[int, str]:
     return OK, "online"
 
 
-def _clocks(shown: Sequence[LinkHealth]) -> Diagnosis:
+def _clocks(shown: Sequence[LinkHealth]) -> DiagnosticEntry:
     """The entry about clocks. A difference that the time of the answer can explain does not count."""
     answers = [(link.name, link.answer) for link in shown if link.answer is not None]
     values = [(name, f"{answer.offset:+.3f} s, give or take {answer.seconds / 2:.3f} s") for name, answer in answers]
@@ -73,7 +73,7 @@ def _clocks(shown: Sequence[LinkHealth]) -> Diagnosis:
     level = sum(most >= limit for limit in APART)
     apart = [name for name, answer in answers if answer.surely_apart >= APART[0]]
     message = f"set them by NTP, they differ: {', '.join(apart[:10])}" if apart else "they agree"
-    return Diagnosis(f"{PREFIX}clocks", message if answers else "not compared yet", values, level)
+    return DiagnosticEntry(f"{PREFIX}clocks", message if answers else "not compared yet", values, level)
 
 
 # Metrics

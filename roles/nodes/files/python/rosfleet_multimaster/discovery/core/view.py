@@ -6,20 +6,22 @@ from itertools import takewhile
 from typing import Deque, Dict, List, Sequence, Tuple
 
 from ...protocol.members import Members
-from ...protocol.messages import Link, Master
+from ...protocol.messages import AnnouncedMaster, LinkQuality
 from ...protocol.parameters import Settings
-from .actions import Outbox
+from .actions import ActionOutbox
 from .local_master import LocalMaster
 from .peer import FAR, Contact, Peer
 from .peers import Peers
 
 
-class View:
+class MasterView:
     """The masters that others were told of."""
 
-    def __init__(self, settings: Settings, members: Members, local: LocalMaster, peers: Peers, outbox: Outbox) -> None:
+    def __init__(
+        self, settings: Settings, members: Members, local: LocalMaster, peers: Peers, outbox: ActionOutbox
+    ) -> None:
         self._settings, self._members, self._local, self._peers, self._outbox = settings, members, local, peers, outbox
-        self._public: Dict[str, Master] = {}
+        self._public: Dict[str, AnnouncedMaster] = {}
 
     def publish(self, now: float) -> None:
         """Compare what is known with what was told, and tell the difference. `now`: of the last tick.
@@ -45,7 +47,7 @@ class View:
             elif master != before[uri]:
                 self._outbox.event("changed", master)
 
-    def _choose_master(self, uri: str, entries: Sequence[Peer], now: float) -> Master:
+    def _choose_master(self, uri: str, entries: Sequence[Peer], now: float) -> AnnouncedMaster:
         """The master with this URI, of the peers that say so."""
         before = self._public.get(uri)
         at = before.monitor_uri if before is not None else ""
@@ -78,22 +80,22 @@ class View:
                 text = f"two masters are called {contact.name}: {other.uri} and {contact.uri}; give one another name"
                 self._outbox.say("warning", f"name {contact.name}", text)
 
-    def masters(self) -> List[Master]:
+    def masters(self) -> List[AnnouncedMaster]:
         """All masters, the own one first."""
         own = self._local.uri
         return sorted(self._public.values(), key=lambda master: (master.uri != own, master.name, master.uri))
 
-    def links(self, now: float) -> List[Link]:
+    def links(self, now: float) -> List[LinkQuality]:
         """The quality of the links to all masters, as `~linkstats` shows it."""
         links, local = [], self._local
         if local.master is not None:
             heard = local.beats[-1] if local.beats else now
             quality = self._quality(local.beats, self._settings.heartbeat_hz, local.since, now)
-            links.append(Link(local.master.name, quality, now - heard, local.master.uri))
+            links.append(LinkQuality(local.master.name, quality, now - heard, local.master.uri))
         for entry in self._peers.table.values():
             if entry.contact is not None:
                 quality = self._quality(entry.beats, entry.rate, entry.since, now)
-                links.append(Link(entry.contact.name, quality, now - entry.heard, entry.contact.uri))
+                links.append(LinkQuality(entry.contact.name, quality, now - entry.heard, entry.contact.uri))
         return links
 
     def _quality(self, beats: Deque[float], rate: float, since: float, now: float) -> float:

@@ -38,7 +38,7 @@ class Fatal(Exception):
 def start_log(level: str = "INFO") -> None:
     """Write the log of the program to standard error, from this level on."""
     if not LOG.handlers:
-        handler = journal.Handler(sys.stderr)
+        handler = journal.LineHandler(sys.stderr)
         handler.setFormatter(journal.Format())
         LOG.addHandler(handler)
         LOG.propagate = False

@@ -44,14 +44,14 @@ class Text(NamedTuple):
 class Repeat(NamedTuple):
     """A type, once or several times."""
 
-    plan: "Plan"
+    plan: "TypePlan"
     times: Optional[int]  # None: the number is in front
 
 
 Step = Union[Skip, Text, Repeat]
 
 
-class Plan(NamedTuple):
+class TypePlan(NamedTuple):
     """The steps through the bytes of a type."""
 
     steps: Tuple[Step, ...]
@@ -60,17 +60,17 @@ class Plan(NamedTuple):
     is_transform: bool = False
 
 
-def make_plan(type_name: str, definition: str) -> Plan:
+def make_plan(type_name: str, definition: str) -> TypePlan:
     """Read the definition of a type: 'package/Type', and the text in a publisher's header. Raises DefinitionError."""
     main, *others = _SEPARATOR.split(definition)
     texts = {type_name: main}
     for text in others:
         title, _newline, body = text.strip().partition("\n")
         texts[title.partition("MSG:")[2].strip()] = body
-    return _Reader(texts).read(type_name)
+    return _DefinitionReader(texts).read(type_name)
 
 
-def weigh(plan: Plan) -> int:
+def weigh(plan: TypePlan) -> int:
     """Return the bytes of memory of a plan, and of those in it, each once."""
     seen, left = {id(plan)}, [plan]
     size = 0
@@ -84,16 +84,16 @@ def weigh(plan: Plan) -> int:
     return size
 
 
-class _Reader:
+class _DefinitionReader:
     """Reads each type once."""
 
     def __init__(self, texts: Dict[str, str]) -> None:
         self._texts = texts
-        self._plans: Dict[str, Plan] = {}
+        self._plans: Dict[str, TypePlan] = {}
         self._open: Set[str] = set()
         self._lines = self._fields = 0
 
-    def read(self, name: str) -> Plan:
+    def read(self, name: str) -> TypePlan:
         if name not in self._plans:
             if name in self._open or len(self._open) == DEEPEST:
                 raise DefinitionError(f"{quote(name)} is in itself, or more than {DEEPEST} types are in each other")
@@ -135,11 +135,11 @@ class _Reader:
         return _repeat(self.read(full), 1)
 
 
-def _repeat(plan: Plan, times: Optional[int]) -> Step:
+def _repeat(plan: TypePlan, times: Optional[int]) -> Step:
     return Repeat(plan, times) if plan.size is None or times is None else Skip(plan.size * times)
 
 
-def _merge_steps(steps: List[Step], is_transform: bool) -> Plan:
+def _merge_steps(steps: List[Step], is_transform: bool) -> TypePlan:
     """Make the plan of a type; what has a known size becomes one step."""
     merged: List[Step] = []
     for step in steps:
@@ -155,4 +155,4 @@ def _merge_steps(steps: List[Step], is_transform: bool) -> Plan:
         step.is_frame if isinstance(step, Text) else isinstance(step, Repeat) and step.plan.has_frames
         for step in merged
     )
-    return Plan(tuple(merged), size, frames, is_transform)
+    return TypePlan(tuple(merged), size, frames, is_transform)

@@ -10,7 +10,7 @@ import struct
 from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from ...protocol.plain_text import LONGEST, quote
-from .definition import DefinitionError, Plan, Skip, Text, make_plan, weigh
+from .definition import DefinitionError, Skip, Text, TypePlan, make_plan, weigh
 
 #: Types, texts and numbers of elements in a message: so many, and one for each byte. A text has four bytes and may stand in
 #: types in each other, so a small message could cost as much as a large one. No message has more than the last number.
@@ -53,13 +53,13 @@ Change = Callable[[bytes], Optional[bytes]]  # a frame to its other name; None: 
 class Rewrite:
     """Changes the frames of a publisher's messages."""
 
-    def __init__(self, plan: Plan, change: Change) -> None:
+    def __init__(self, plan: TypePlan, change: Change) -> None:
         self._plan, self._change = plan, change
         self.size = weigh(plan)  # bytes of memory
 
     def __call__(self, message: bytes) -> bytes:
         """Return a message with its frames changed, both with their length in front; empty where no transform of it is left. Raises FramesError."""
-        return _Walk(message, self._change).rewrite(self._plan)
+        return _FrameWalk(message, self._change).rewrite(self._plan)
 
 
 class FramesError(ValueError):
@@ -102,7 +102,7 @@ def make_rewrite(header: Dict[str, str], change: Change) -> Optional[Rewrite]:
     return Rewrite(plan, change) if plan.has_frames else None
 
 
-class _Walk:
+class _FrameWalk:
     """One message on its way through the steps of its type."""
 
     def __init__(self, message: bytes, change: Change) -> None:
@@ -115,7 +115,7 @@ class _Walk:
         self._steps = self._left_out = self._kept = 0
         self._most = min(MOST_STEPS, FREE_STEPS + len(message))
 
-    def rewrite(self, plan: Plan) -> bytes:
+    def rewrite(self, plan: TypePlan) -> bytes:
         """Return the message with its frames changed; empty where no transform of it is left. Raises FramesError."""
         self._walk(plan)
         if self._foreign is not None:
@@ -128,7 +128,7 @@ class _Walk:
         rest = self._message[self._copied :]
         return b"".join((_SIZE.pack(len(self._out) + len(rest)), self._out, rest))
 
-    def _walk(self, plan: Plan) -> None:
+    def _walk(self, plan: TypePlan) -> None:
         self._count_step()
         for step in plan.steps:
             if isinstance(step, Skip):
@@ -174,7 +174,7 @@ class _Walk:
                 self._copied = self._at
             self._frames.append(changed or b"")
 
-    def _sort_out(self, plan: Plan, count: int) -> None:
+    def _sort_out(self, plan: TypePlan, count: int) -> None:
         """Keep the transforms between two frames of the robot; their number is in front."""
         self._out += self._message[self._copied : self._at]
         place, kept, before_it = len(self._out) - _SIZE.size, 0, self._foreign

@@ -61,7 +61,7 @@ def _is_listed(kind: str, types: Collection[str]) -> bool:
     return kind in types or f"{kind.partition('/')[0]}/*" in types
 
 
-class Throttle:
+class RateLimit:
     """Lets a message a period pass, as soon as it comes. The newest of the others follows where no newer one comes in time.
 
     The periods follow on each other, so the mean is exact however messages come. A message passes in a period of its own.
@@ -135,7 +135,7 @@ class TreeThrottle:
         """`budget`: of what waits, and of the frames."""
         self._rate, self._budget, self._skipped, self._held = rate, budget, 0, 0
         self._known = self._counted = 0  # bytes of memory of the frames, and what the budget has counted
-        self._frames: Dict[bytes, Throttle] = {}
+        self._frames: Dict[bytes, RateLimit] = {}
 
     @property
     def dropped(self) -> int:
@@ -157,7 +157,7 @@ class TreeThrottle:
         passed = []
         for frame, transform in transforms:
             if frame not in self._frames and len(self._frames) < MOST_FRAMES:
-                self._frames[frame] = Throttle(self._rate)
+                self._frames[frame] = RateLimit(self._rate)
                 self._known += _FRAME + len(frame)
             if frame not in self._frames or self._held + len(transform) > MOST_HELD:
                 self._skipped += 1
@@ -204,17 +204,17 @@ class TreeThrottle:
             self._budget.change(more)
 
 
-AnyThrottle = Union[Throttle, TreeThrottle]
+AnyThrottle = Union[RateLimit, TreeThrottle]
 
 
 def make_throttle(rate: Rate, topic: str, header: Mapping[str, str], budget: Optional[Budget] = None) -> AnyThrottle:
     """Return the throttle for a publisher's messages, by its header: what is latched, and what counts each, has no rate."""
     kind, hertz = header.get("type", ""), rate.hertz
     if header.get("latching") == "1" or topic == STATIC:
-        return Throttle(0.0)
+        return RateLimit(0.0)
     if not _is_listed(kind, rate.whole) and not _is_listed(kind, WHOLE) and not kind.endswith(WHOLE_END):
-        return Throttle(0.0)
-    return TreeThrottle(hertz, budget) if hertz and header.get("md5sum") == MD5SUM else Throttle(hertz, budget)
+        return RateLimit(0.0)
+    return TreeThrottle(hertz, budget) if hertz and header.get("md5sum") == MD5SUM else RateLimit(hertz, budget)
 
 
 def find_unknown(rate: Rate, topic: str, header: Mapping[str, str]) -> str:

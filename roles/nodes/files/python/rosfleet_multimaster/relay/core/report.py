@@ -4,7 +4,7 @@
 
 from typing import Dict, Iterable, List, Mapping, NamedTuple, Sequence
 
-from ...protocol.messages import OK, PREFIX, VALUES, WARN, Diagnosis
+from ...protocol.messages import OK, PREFIX, VALUES, WARN, DiagnosticEntry
 from ...protocol.metrics import Samples
 
 
@@ -28,7 +28,7 @@ def add_up(passed: Iterable[TopicCount]) -> List[TopicCount]:
 
 def make_entry(
     away: Sequence[str], robots: int, passed: Sequence[TopicCount], kept_back: Mapping[str, str]
-) -> Diagnosis:
+) -> DiagnosticEntry:
     """Return the entry of /diagnostics. `away`: the robots whose relay does not answer, of so many; `kept_back`: topics, and why."""
     dropped = sum(row.dropped for row in passed)
     values = [(robot, "its relay does not answer") for robot in away] + list(kept_back.items())
@@ -36,7 +36,7 @@ def make_entry(
         (row.topic, f"{row.messages} messages, {row.size} bytes, {row.dropped} messages dropped") for row in passed
     ]
     message = f"{robots - len(away)} of {robots} robots answer; {dropped} messages were dropped"
-    return Diagnosis(f"{PREFIX}relay", message, values[:VALUES], WARN if away or kept_back else OK)
+    return DiagnosticEntry(f"{PREFIX}relay", message, values[:VALUES], WARN if away or kept_back else OK)
 
 
 def make_samples(answering: int, passed: Sequence[TopicCount]) -> Samples:

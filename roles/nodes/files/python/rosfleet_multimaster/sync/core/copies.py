@@ -15,7 +15,7 @@ from typing import AbstractSet, Any, Dict, List, Mapping, NamedTuple, Optional, 
 
 from ...protocol import json_text
 from ...protocol.parameters import problem_of_parameter
-from .sync import Refusal
+from .sync import RegistrationConflict
 
 RECORD = "/rosfleet_multimaster/parameters"
 MOST = 2000  # entries of a record
@@ -32,7 +32,7 @@ class Copy(NamedTuple):
 Record = Dict[str, Copy]  # by the names of the parameters
 
 
-class Offer(NamedTuple):
+class OfferedParameter(NamedTuple):
     """A parameter of another robot that is to be here."""
 
     master: str
@@ -53,10 +53,10 @@ class Todo(NamedTuple):
     delete: List[str]
     record: Record
     set: Dict[str, Any]
-    refused: List[Refusal]
+    refused: List[RegistrationConflict]
 
 
-def plan_copies(offers: Mapping[str, Offer], keep: AbstractSet[str], record: Record, own: Contents) -> Todo:
+def plan_copies(offers: Mapping[str, OfferedParameter], keep: AbstractSet[str], record: Record, own: Contents) -> Todo:
     """Plan a pass. `keep`: names that stay as they are, since their robot has not said yet what it has.
 
     A name is refused where something of somebody else is there: a value at this name, below it, or in place of the
@@ -67,11 +67,11 @@ def plan_copies(offers: Mapping[str, Offer], keep: AbstractSet[str], record: Rec
     foreign = _list_foreign(own.leaves, ours)
     after = {name: mine for name, mine in ours.items() if name not in delete}
     values: Dict[str, Any] = {}
-    refused: List[Refusal] = []
+    refused: List[RegistrationConflict] = []
     for name, offer in sorted(offers.items()):
         holder = "" if name in ours else _find_holder(name, foreign)
         if holder:
-            refused.append(Refusal("parameter", name, offer.master, "", _SET.format(holder)))
+            refused.append(RegistrationConflict("parameter", name, offer.master, "", _SET.format(holder)))
             continue
         before = ours[name].digests if name in ours else ()
         after[name] = Copy(offer.master, tuple(dict.fromkeys((*before, offer.digest))))

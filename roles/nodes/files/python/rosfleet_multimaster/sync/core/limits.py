@@ -14,7 +14,7 @@ from typing import Any, Container, Dict, Iterable, List, Mapping, Optional, Set,
 from ...protocol.graph import Endpoints, State, keep_part
 from ...protocol.messages import KINDS, Row, rows
 from ...protocol.plain_text import quote
-from .sync import Refusal, Remote, master_nodes
+from .sync import RegistrationConflict, Remote, master_nodes
 
 MOST = 5000  # registrations of one master
 
@@ -62,16 +62,16 @@ def _keep_rows(kind: str, table: Endpoints, taken: Set[Row]) -> Dict[str, Tuple[
     return {name: nodes for name, nodes in rest.items() if nodes}
 
 
-def limit_refusals(remotes: Mapping[str, Remote]) -> List[Refusal]:
+def limit_refusals(remotes: Mapping[str, Remote]) -> List[RegistrationConflict]:
     """A refusal for each master that offers more than is taken, for the log, the status and /diagnostics."""
     return [
-        Refusal("limit", remote.announced.name, remote.announced.name, uri, str(MOST))
+        RegistrationConflict("limit", remote.announced.name, remote.announced.name, uri, str(MOST))
         for uri, remote in sorted(remotes.items())
         if remote.state is not None and remote.state.left_out
     ]
 
 
-def sentence(item: Refusal) -> str:
+def sentence(item: RegistrationConflict) -> str:
     """The sentence about a master that offers more than is taken."""
     return (
         f"{item.master} at {quote(item.uri)} offers more than {item.holder} registrations: {item.holder} of them are taken, and the"

@@ -15,18 +15,18 @@ from typing import AbstractSet, Any, Dict, Iterable, List, Mapping, NamedTuple, 
 from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.messages import NodeKey, View
 from ...protocol.plain_text import quote
-from .sync import Candidate, Refusal
+from .sync import Candidate, RegistrationConflict
 
 MOST = 500  # types of one question
 AGAIN = 60.0  # seconds until the same is asked again: no event tells of a new answer
 Users = Mapping[NodeKey, None]  # own nodes on a topic, in their order
 
 
-class Verdict(NamedTuple):
+class TypeVerdict(NamedTuple):
     """The candidates to register now, the conflicts, and the questions to ask."""
 
     wanted: List[Candidate]
-    refused: List[Refusal]
+    refused: List[RegistrationConflict]
     nodes: List[NodeKey]  # own nodes to be asked for the types of their topics
     masters: Mapping[str, AbstractSet[str]]  # master to be asked -> types whose md5 sums are wanted
 
@@ -89,7 +89,7 @@ class TypeGuard:
         claims: Mapping[NodeKey, str],
         stamps: Mapping[str, float],
         now: float,
-    ) -> Verdict:
+    ) -> TypeVerdict:
         """`stamps`: of each master's state; with a new stamp, its answers may have changed.
 
         A new registration on a shared topic waits for the answers to open questions. A present one stays meanwhile.
@@ -111,8 +111,8 @@ class TypeGuard:
                 return False
             return item.registration in held or not self._waits(item, users[topic], named[topic])
 
-        refused = [Refusal("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
-        return Verdict([item for item in wanted if is_ready(item)], refused, asked_nodes, asked_masters)
+        refused = [RegistrationConflict("type", topic, master, *sides) for (topic, master), sides in conflicts.items()]
+        return TypeVerdict([item for item in wanted if is_ready(item)], refused, asked_nodes, asked_masters)
 
     def take_node_types(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
         """Take the answer of an own node: topic -> type; None where it does not answer."""

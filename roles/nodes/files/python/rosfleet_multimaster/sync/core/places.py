@@ -11,7 +11,7 @@ second master on this computer has nodes here.
 from typing import Container, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Set
 
 from ...protocol.graph import State
-from ...protocol.members import LOWEST, Member, Members
+from ...protocol.members import LOWEST, MemberRobot, Members
 from ...protocol.plain_text import quote
 from ...protocol.tcpros.hosts import host_of, is_address, place_of
 
@@ -34,7 +34,7 @@ class Places:
     ) -> None:
         """`resolved`: addresses of names that the plan does not have."""
         self._members, self._here, self._resolved = members, here, resolved
-        self._member: Optional[Member] = members.master(uri)
+        self._member: Optional[MemberRobot] = members.master(uri)
         self._sender = host_of(monitor_uri)
 
     def objections(self, state: State) -> Dict[str, str]:

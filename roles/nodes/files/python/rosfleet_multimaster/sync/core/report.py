@@ -6,10 +6,10 @@ from collections import Counter
 from typing import Iterable, List, Mapping, Sequence, Tuple
 
 from ...protocol import metrics
-from ...protocol.messages import KINDS, Diagnosis, Registration, warning
+from ...protocol.messages import KINDS, DiagnosticEntry, Registration, warning
 from ...protocol.plain_text import quote
 from .limits import sentence
-from .sync import Refusal
+from .sync import RegistrationConflict
 
 NOUNS = {"node": "node", "service": "service", "type": "topic", "place": "node or service", "parameter": "parameter"}
 _TAKEN = "at {there} is refused: here it is {here}. Give one of them another name, or ignore it"
@@ -22,7 +22,7 @@ _HERE = {**dict.fromkeys(NOUNS, ", here it is "), "place": ": "}
 _SENTENCES = {"type": _OTHER, "place": _PLACE, "parameter": _PARAMETER}
 
 
-def describe_refusal(item: Refusal) -> str:
+def describe_refusal(item: RegistrationConflict) -> str:
     """The line of the log about a new refusal."""
     if item.kind == "limit":
         return sentence(item)
@@ -31,20 +31,20 @@ def describe_refusal(item: Refusal) -> str:
     return f"{item.master}: the {NOUNS[item.kind]} {quote(item.name)} {text}"
 
 
-def _sides(item: Refusal) -> Tuple[str, str]:
+def _sides(item: RegistrationConflict) -> Tuple[str, str]:
     """The two sides of a conflict, there and here. Sentences about types, places and parameters have their names quoted already."""
     there = item.uri if item.kind == "type" else quote(item.uri)
     return there, item.holder if item.kind in ("type", "place", "parameter") else quote(item.holder)
 
 
-def describe_refusal_end(item: Refusal) -> str:
+def describe_refusal_end(item: RegistrationConflict) -> str:
     """The line of the log about a refusal that has ended."""
     if item.kind == "limit":
         return f"{item.master} offers {item.holder} registrations or fewer again"
     return f"{item.master}: the {NOUNS[item.kind]} {quote(item.name)} is no longer refused"
 
 
-def describe_status(items: Iterable[Refusal], room: int) -> str:
+def describe_status(items: Iterable[RegistrationConflict], room: int) -> str:
     """The part of the line for systemd about all refusals, of about `room` characters; empty without one.
 
     `multimaster_verify` reads it (read_refusals): each has its name, its kind, what is there and of which master, and what is
@@ -66,12 +66,12 @@ def describe_status(items: Iterable[Refusal], room: int) -> str:
     return (f"; refused: {', '.join(texts)}" if texts else "") + end
 
 
-def _describe_item(item: Refusal) -> str:
+def _describe_item(item: RegistrationConflict) -> str:
     name, there, master, here = (quote(text) or '""' for text in (item.name, item.uri, item.master, item.holder))
     return f"{name} ({item.kind} {there} of {master}: {here})"
 
 
-def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
+def diagnoses(items: Sequence[RegistrationConflict]) -> List[DiagnosticEntry]:
     """The entries about all refusals: of too many, of names, types, places and parameters."""
     kinds = {
         "names": (("node", "service"), "refused, since the name is taken here"),
@@ -86,7 +86,7 @@ def diagnoses(items: Sequence[Refusal]) -> List[Diagnosis]:
     ]
 
 
-def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
+def _refusals(name: str, why: str, items: Sequence[RegistrationConflict]) -> DiagnosticEntry:
     values = []
     for item in items:
         there, here = _sides(item)
@@ -100,7 +100,7 @@ def _refusals(name: str, why: str, items: Sequence[Refusal]) -> Diagnosis:
 # Metrics
 
 
-def refusal_samples(refused: Iterable[Refusal], total: Mapping[str, int]) -> metrics.Samples:
+def refusal_samples(refused: Iterable[RegistrationConflict], total: Mapping[str, int]) -> metrics.Samples:
     """The samples about refusals. `refused`: those in force; `total`: kind -> the number since the start."""
     now = Counter(item.kind for item in refused)
     return {

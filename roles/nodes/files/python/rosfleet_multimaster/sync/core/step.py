@@ -15,7 +15,7 @@ from ...protocol.filters import UNKNOWN_TYPES
 from ...protocol.graph import change_users
 from ...protocol.imports import Claims
 from ...protocol.messages import KINDS, NodeKey, Registration, View
-from .sync import Candidate, Plan, nodes_of
+from .sync import Candidate, SyncPlan, nodes_of
 
 
 class Knowledge(NamedTuple):
@@ -35,7 +35,7 @@ def step(
     wanted: Mapping[Registration, Candidate],
     known: Knowledge,
     is_contested: Callable[[str, str], bool],
-) -> Optional[Plan]:
+) -> Optional[SyncPlan]:
     """The plan for the registrations that may have changed; None where it takes a round.
 
     `wanted`: those of them that are wanted now. `is_contested(node or service, master)`: true if another master has the name.
@@ -57,7 +57,7 @@ def step(
 
 def _plan(
     new: List[Registration], old: List[Registration], wanted: Mapping[Registration, Candidate], known: Knowledge
-) -> Plan:
+) -> SyncPlan:
     held = dict(known.held)
     for item in old:
         del held[item]
@@ -65,7 +65,7 @@ def _plan(
     nodes = nodes_of(held) if old else set()
     claims = {key: master for key, master in known.claims.items() if not old or key in nodes}
     claims.update((item.node_key, wanted[item].master_uri) for item in new)
-    return Plan(claims, old, new, held, [], {item: wanted[item].type for item in new})
+    return SyncPlan(claims, old, new, held, [], {item: wanted[item].type for item in new})
 
 
 def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Candidate], known: Knowledge) -> bool:
@@ -108,7 +108,7 @@ def _names_of(masters: Mapping[Registration, str]) -> Set[Tuple[str, str]]:
     return nodes | {(item.name, master) for item, master in masters.items() if item.kind == "service"}
 
 
-def condition_of(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Condition:
+def condition_of(todo: SyncPlan, claims: Mapping[NodeKey, str], guarded: bool) -> Condition:
     """The condition for a plan: its names have not been taken meanwhile, and its nodes are where they were.
 
     `guarded`: the roscore itself guards the names of nodes.
@@ -122,7 +122,7 @@ def condition_of(todo: Plan, claims: Mapping[NodeKey, str], guarded: bool) -> Co
     return {**services, **nodes}
 
 
-def apply_plan(todo: Plan, view: View) -> View:
+def apply_plan(todo: SyncPlan, view: View) -> View:
     """The registrations of the roscore after a plan."""
     items = (*todo.unregister, *todo.register)
     tables = {

@@ -18,7 +18,7 @@ from ...protocol.filters import UNKNOWN_TYPES, Filters, Pattern, Rules
 from ...protocol.graph import LOCAL, State
 from ...protocol.imports import Claims
 from ...protocol.members import Members
-from ...protocol.messages import Master, NodeKey, Registration, View, rows
+from ...protocol.messages import AnnouncedMaster, NodeKey, Registration, View, rows
 from ...protocol.tcpros.hosts import host_of
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
@@ -36,7 +36,7 @@ def nodes_of(items: Iterable[Registration]) -> Set[NodeKey]:
     return set(map(itemgetter(2, 3), items))
 
 
-class Refusal(NamedTuple):
+class RegistrationConflict(NamedTuple):
     """A conflict, so nothing is registered.
 
     A name is taken here, a topic has a different type here, or a node is at an address where its robot cannot be.
@@ -50,14 +50,14 @@ class Refusal(NamedTuple):
 
 
 @dataclass
-class Plan:
+class SyncPlan:
     """The difference to carry out, and the state after it."""
 
     claims: Claims
     unregister: List[Registration]
     register: List[Registration]
     held: Dict[Registration, str]  # the registrations after it -> URI of the master
-    refused: List[Refusal]
+    refused: List[RegistrationConflict]
     types: Dict[Registration, str]  # of the registrations after it
 
 
@@ -70,13 +70,13 @@ class Candidate(NamedTuple):
     type: str = "*"  # of the topic; "*" where the master knows none
 
 
-def plan(wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str]) -> Plan:
+def plan(wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str]) -> SyncPlan:
     """Plan a round: wanted registrations and those in the roscore in, the difference out.
 
     A node is refused if another node here has its name: the roscore would shut down the older one, on whichever robot it
     runs. A service is refused if another provider has its name. Among several masters, the first one keeps a name.
     """
-    refused: Dict[Refusal, None] = {}
+    refused: Dict[RegistrationConflict, None] = {}
     owner = _owners(wanted, view, claims, refused)
     provider = _providers(
         [item for item in wanted if owner.get(item.registration.node) == item.registration.node_uri],
@@ -96,7 +96,7 @@ def plan(wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str])
         types.setdefault(registration, item.type)
     ours = view.registrations(claims)
     new_claims = {registration.node_key: master for registration, master in held.items()}
-    return Plan(
+    return SyncPlan(
         claims={**{item.node_key: claims[item.node_key] for item in ours}, **new_claims},
         unregister=sorted(ours - set(held)),
         register=sorted(set(held) - ours),
@@ -107,7 +107,7 @@ def plan(wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str])
 
 
 def _owners(
-    wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str], refused: Dict[Refusal, None]
+    wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str], refused: Dict[RegistrationConflict, None]
 ) -> Dict[str, str]:
     """Node name -> URI of the node that gets it here."""
     claimants: Dict[str, List[Candidate]] = {}
@@ -122,12 +122,12 @@ def _owners(
         for item in items:
             uri = item.registration.node_uri
             if uri != owner.get(node) and uri != current:  # the same URI: our own node, as another master sees it
-                refused[Refusal("node", node, item.master, uri, owner.get(node) or current or "")] = None
+                refused[RegistrationConflict("node", node, item.master, uri, owner.get(node) or current or "")] = None
     return owner
 
 
 def _providers(
-    wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str], refused: Dict[Refusal, None]
+    wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str], refused: Dict[RegistrationConflict, None]
 ) -> Dict[str, str]:
     """Service name -> URI of the provider that gets it here."""
     provider: Dict[str, str] = {}
@@ -144,12 +144,14 @@ def _providers(
         name, uri = item.registration.name, item.registration.service_uri
         if item.registration.kind == "service" and uri != provider.get(name):
             refused[
-                Refusal("service", name, item.master, uri, provider.get(name) or view.service_uris.get(name, ""))
+                RegistrationConflict(
+                    "service", name, item.master, uri, provider.get(name) or view.service_uris.get(name, "")
+                )
             ] = None
     return provider
 
 
-def calls(todo: Plan) -> List[Tuple[Any, ...]]:
+def calls(todo: SyncPlan) -> List[Tuple[Any, ...]]:
     """The calls to the own roscore, (method, argument, ...), in the order of `unregister` and `register`."""
     return [_call("unregister", item) for item in todo.unregister] + [
         _call("register", item, todo.types[item]) for item in todo.register
@@ -209,7 +211,7 @@ class Fetch(NamedTuple):
 class Remote:
     """Another master."""
 
-    announced: Master
+    announced: AnnouncedMaster
     rules: Rules  # for fetching and selecting
     parameter_rules: Rules  # without the changes for synchronisation on demand
     state: Optional[State] = None
@@ -247,7 +249,7 @@ class Sync:
         self.sync_remote_nodes, self.on_demand, self.keep_offline = sync_remote_nodes, on_demand, keep_offline
         self.remotes: Dict[str, Remote] = {}
 
-    def take_list(self, masters: Sequence[Master], now: float, newer: AbstractSet[str] = frozenset()) -> None:
+    def take_list(self, masters: Sequence[AnnouncedMaster], now: float, newer: AbstractSet[str] = frozenset()) -> None:
         """Take the complete list of discovery. A missing master is kept for a while: discovery may have just started.
 
         `newer`: masters with news since the list was asked for. Their entries in the list are old.
@@ -265,7 +267,7 @@ class Sync:
         """Forget a master that discovery has removed."""
         self.remotes.pop(uri, None)
 
-    def take_announcement(self, master: Master, now: float) -> None:
+    def take_announcement(self, master: AnnouncedMaster, now: float) -> None:
         """Take the news of discovery that a master is there, or changed."""
         stranger = self.members.objection(master.uri, master.name, host_of(master.monitor_uri))
         remote = self.remotes.get(master.uri)
@@ -298,7 +300,7 @@ class Sync:
         elif remote.failures and news:
             remote.due = min(remote.due, _soon(remote, now))
 
-    def _rules(self, master: Master) -> Tuple[Rules, Rules]:
+    def _rules(self, master: AnnouncedMaster) -> Tuple[Rules, Rules]:
         rules = self.filters.rules(master.name, (master.discoverer, self.own_node))
         # On demand every topic may be wanted: `candidates` chooses.
         return (replace(rules, sync_topics=Pattern.from_items(["*"])) if self.on_demand else rules), rules
@@ -428,9 +430,9 @@ class Sync:
                 candidates.append(Candidate(item, uri, remote.announced.name, kind))
         return candidates
 
-    def place_refusals(self) -> List[Refusal]:
+    def place_refusals(self) -> List[RegistrationConflict]:
         """The refusals of nodes and services at addresses where their robot cannot be."""
-        refusals: Dict[Refusal, None] = {}
+        refusals: Dict[RegistrationConflict, None] = {}
         for _uri, remote in sorted(self.remotes.items()):
             if not remote.misplaced or remote.state is None or not remote.announced.online:
                 continue
@@ -439,7 +441,7 @@ class Sync:
                 here = item.node_uri in remote.misplaced
                 name, uri = (item.node, item.node_uri) if here else (item.name, item.service_uri)
                 if uri in remote.misplaced:
-                    refusals[Refusal("place", name, master, uri, remote.misplaced[uri])] = None
+                    refusals[RegistrationConflict("place", name, master, uri, remote.misplaced[uri])] = None
         return list(refusals)
 
     def stamps(self) -> Dict[str, float]:
@@ -469,9 +471,9 @@ class Sync:
             return []
         return list(dict.fromkeys([*here, *uris]))
 
-    def find_members(self, now: float) -> Dict[str, Master]:
+    def find_members(self, now: float) -> Dict[str, AnnouncedMaster]:
         """The masters of the fleet's robots that are there, by their names in small letters. Strangers are not among them."""
-        found: Dict[str, Master] = {}
+        found: Dict[str, AnnouncedMaster] = {}
         for uri, remote in self.remotes.items():
             member = self.members.master(uri)
             if member is not None and not self._is_expired(remote, now):

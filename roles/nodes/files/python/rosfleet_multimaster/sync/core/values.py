@@ -27,7 +27,7 @@ class Objection(ValueError):
     """A value that is not taken; its text goes on after "its value"."""
 
 
-class _Reader:
+class _ValueReader:
     """Makes one value anew, and counts what it costs."""
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ def _take_number(value: Any) -> Any:
 
 def take(value: Any) -> Tuple[Any, int]:
     """A value of another robot, made anew, and what it counts in bytes. Raises Objection."""
-    reader = _Reader()
+    reader = _ValueReader()
     return reader.take(value), reader.size
 
 
