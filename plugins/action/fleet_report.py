@@ -284,9 +284,8 @@ def show(judgement: Judgement, document: Mapping[str, Any], written: str) -> Non
     display = Display()
     width = min(max(shutil.get_terminal_size((terminal.WIDTH, 24)).columns, 80), 160)
     everything = display.verbosity > 0
-    text = terminal.render(
-        judgement.summary, judgement.diagnosis, width, everything, document["traffic"], document["nodes"]
-    )
+    tables = document["traffic"], document["nodes"], document["remarks"]
+    text = terminal.render(judgement.summary, judgement.diagnosis, width, everything, *tables)
     display.display("")
     for line in plain_lines(text).split("\n"):
         word = line.strip().partition(":")[0]

@@ -46,6 +46,7 @@ class MachineState:
     runs: tuple[str, ...] = ()  # a sentence for each other program on the ports of the plan
     noted: tuple[str, ...] = ()  # the other problems: sentences too
     overlaps: tuple[str, ...] = ()  # each interface that leads into another robot's network, in words
+    warned: tuple[str, ...] = ()  # what only deserves a word: sentences too
     broken_ros: str = ""  # why nodes of the ROS that is installed cannot start; a sentence
     # Of ROS, as our file would have it. Empty where that file is there.
     environment: Mapping[str, str] = field(default_factory=dict)
@@ -103,6 +104,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
         runs=_describe_holders(plan, holders),
         noted=tuple(problems),
         overlaps=tuple(map(str, overlapping[: overlaps.MOST])),
+        warned=tuple(warnings),
         broken_ros=broken_ros,
         environment=_list_environment(plan, info),
     )

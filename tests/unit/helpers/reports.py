@@ -41,6 +41,7 @@ def make_report(fleet, change=None, pairs="all", **more):
         "differences": [],
         "robots": content.list_robots(fleet, seen),
         "traffic": content.list_traffic(fleet, seen),
+        "remarks": content.list_remarks(seen),
         "nodes": nodes.list_nodes(fleet, seen),
         "machines": {
             name: {**content.MACHINE, "system": "Debian 12", "ros": "noetic", "provider": "bundled"}

@@ -179,6 +179,8 @@ def read_preflight(variables: Mapping[str, Any], name: str, names: Collection[st
     state = plan["found"]
     # These are sentences of fleet_check, which has quoted the robot's texts in them.
     sentences = {
-        part: plain_data(state[part], LINE) for part in ("runs", "noted", "overlaps", "broken_ros") if part in state
+        part: plain_data(state[part], LINE)
+        for part in ("runs", "noted", "overlaps", "warned", "broken_ros")
+        if part in state
     }
     return from_plain(MachineState, {**quote_texts(state, names=names), **sentences})

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import islice
 from typing import Any
 
 from ..._base.plain import to_plain
@@ -164,6 +165,12 @@ def list_streams(observations: Mapping[str, Observation]) -> list[dict[str, Any]
         for stream in (seen.streams.streams if seen.streams else ())
         if stream.mbit_s is not None
     ]
+
+
+def list_remarks(observations: Mapping[str, Observation]) -> list[str]:
+    """List what preflight warns of, as Ansible shows it during the run: sentences, once each."""
+    remarks = (text for seen in observations.values() if seen.found is not None for text in seen.found.warned)
+    return list(islice(dict.fromkeys(remarks), MOST))
 
 
 def list_traffic(fleet: FleetPlan, observations: Mapping[str, Observation]) -> dict[str, Any]:

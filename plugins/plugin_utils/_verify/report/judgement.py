@@ -82,6 +82,7 @@ def make_document(run: Run, judgement: Judgement) -> dict[str, Any]:
         "robots": content.list_robots(run.fleet, run.observations),
         "throughput": content.list_streams(run.observations),
         "traffic": content.list_traffic(run.fleet, run.observations),
+        "remarks": content.list_remarks(run.observations),
         "nodes": nodes.list_nodes(run.fleet, run.observations),
         "machines": {name: {**content.MACHINE, **run.machines.get(name, {})} for name in run.observations},
     }

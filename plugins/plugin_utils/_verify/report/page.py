@@ -67,6 +67,7 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
         nodes=describe_nodes(document["nodes"]),
         node_headings=NODE_HEADINGS,
         odd_nodes=plain_data(list(list_cells(document["nodes"])), LINE),
+        remarks=plain_data(document.get("remarks", []), LINE),
         dearest=plain_data(list_dearest(document["traffic"]), LINE),
         measurement=describe_measurement(document["traffic"]),
         not_judged=count_unknown(document["rows"]),

@@ -24,6 +24,7 @@ from .traffic import HEADINGS, describe_measurement, list_dearest
 WIDTH = 120
 CELL = 8  # columns of a cell of the matrix, where there is room
 SENTENCES = 20  # findings that are printed; all are in the file
+REMARKS = 10  # that are printed; all are in the file
 PAIRS = 4  # pairs, names or checks that are named in a finding
 WORST = (FAILED, UNKNOWN, WARNING, OK)
 
@@ -35,6 +36,7 @@ def render(
     everything: bool = True,
     traffic: Mapping[str, Any] | None = None,
     nodes: Mapping[str, Any] | None = None,
+    remarks: Sequence[str] = (),
 ) -> str:
     """Return the report, of this width where names allow it. Without `everything` it has no table and no matrix."""
     parts = [_title(summary), _table(summary)] if everything else [_title(summary)]
@@ -48,6 +50,7 @@ def render(
     parts += _format_unexplained(diagnosis.unexplained, width)
     parts += _format_nodes(nodes, width) if nodes else []
     parts += _format_traffic(traffic, width) if traffic else []
+    parts += _format_remarks(remarks, width)
     parts.append(summary.verdict_line)
     return "\n\n".join(parts)
 
@@ -169,6 +172,17 @@ def _format_unexplained(rows: Sequence[Row], width: int) -> list[str]:
     for row in rows:
         groups[row.check].append(row)
     lines += [_wrap("   -  ", _describe_rows(group), width) for group in groups.values()]
+    return ["\n".join(lines)]
+
+
+def _format_remarks(remarks: Sequence[str], width: int) -> list[str]:
+    """Return what preflight warns of, which nothing here has failed of."""
+    if not remarks:
+        return []
+    lines = ["Remarks on the computers, which fail nothing:"]
+    lines += [_wrap("   -  ", text, width) for text in remarks[:REMARKS]]
+    if len(remarks) > REMARKS:
+        lines.append(f"  and {len(remarks) - REMARKS} more: all are in the file that verify_report names.")
     return ["\n".join(lines)]
 
 

@@ -163,3 +163,9 @@ def test_the_page_is_smaller_than_five_megabytes(verdict, computers):
 def test_a_large_fleet_says_what_was_not_tried():
     html = make_report(fleets.plan(21, 2), pairs="auto").html
     assert "pairs were tried" in html and "A cell is two robots" in html
+
+
+def test_remarks_of_the_comparison_are_on_the_page():
+    html = make_report(fleets.plan(), remarks=["kobuki1computer: <its> ROS lacks rospy."]).html
+    assert "kobuki1computer: &lt;its&gt; ROS lacks rospy." in html
+    assert 'id="remarks"' not in make_report(fleets.plan()).html

@@ -186,3 +186,11 @@ def test_the_finding_on_the_page_is_printed_so():
     shown = page.read_text(encoding="utf-8").partition("```\nFindings:\n")[2].partition("```")[0]
     printed = render(summarise([], [], 0), diagnosed(wall, fig12()), everything=False)
     assert shown.startswith("  1. a packet filter on tibi-visio") and shown in printed
+
+
+def test_remarks_of_the_comparison_stand_in_the_report():
+    remarks = [f"ana: the ROS of Debian's packages lacks rospy{number}." for number in range(12)]
+    text = render(GOOD, Diagnosis(), 80, False, remarks=remarks)
+    told = text.split("\n\n")[1]
+    assert remarks[9] in told and remarks[10] not in told and "and 2 more" in told
+    assert max(map(len, text.splitlines())) <= 80
