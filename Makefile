@@ -50,7 +50,7 @@ test: lab-tests ## every test
 # Python's caches are out of the tree, or 'reuse' would read files that tests are writing.
 quick: ## in two minutes, for any user of any Linux with Python 3.10 to 3.13: lint, types, unit tests; without those that need root, are slow, or run whole programs
 	@bash tools/setup.sh quick
-	@PYTHONPYCACHEPREFIX="$(CURDIR)/.work/pycache" .work/quick/bin/python tools/test.py quick
+	@PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX="$(CURDIR)/.work/pycache" .work/quick/bin/python tools/test.py quick
 
 check: setup lab ## what one runs before every commit: lint, types, the unit tests that are not slow, one pair of robots end to end
 	@$(PYTHON) tools/test.py check
