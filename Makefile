@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down quick check lint sanity unit molecule systems bench bench-site test test-long test-machines test-faults test-interop test-matrix checkout docs format house readme lock copies build
+.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down quick check lint sanity unit molecule systems bench bench-site test test-long test-machines test-faults test-interop test-matrix checkout docs findings format house readme lock copies build
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -108,6 +108,9 @@ house: setup ## figures of the code: rooms, imports, long functions (REV=revisio
 
 docs: setup ## a site of all pages, modules, roles, filters and variables, with a search, in .work/docsite/html; each link is looked at
 	@$(PYTHON) tools/docsite/build.py
+
+findings: setup ## write the pages of the findings (docs/findings) out of the table of faults
+	@PYTHONPATH=.work/collections $(PYTHON) tools/findings.py
 
 readme: setup ## write the tables of what was measured into their pages
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py

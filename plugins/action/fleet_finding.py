@@ -11,7 +11,10 @@ from ..plugin_utils._base.plain_text import LINE, plain, plain_data
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._verify.checks.engine import FAILED
 
-PARTS = ("kind", "place", "mode", "what", "verdict", "sentence", "remedy", "decide", "since")
+PARTS = (
+    *("id", "page", "kind", "place", "mode", "what", "verdict", "sentence"),
+    *("do", "look", "remedy", "since"),
+)
 
 
 class ActionModule(FleetAction):

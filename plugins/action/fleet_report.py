@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shlex
 import shutil
 import stat
 import tempfile
@@ -59,7 +60,11 @@ class ActionModule(FleetAction):
         """Return the judgement of the run, or of the one in a bundle, and print it."""
         bundle = str(args.get("bundle") or "")
         try:
-            run = open_bundle(bundle) if bundle else read_run(args, task_vars)
+            run = (
+                open_bundle(bundle)
+                if bundle
+                else replace(read_run(args, task_vars), inventory=name_inventory(task_vars))
+            )
             place = os.path.abspath(bundle) if bundle else str(task_vars.get("inventory_dir") or "")
             return self._report(run, place, live=not bundle)
         except (Mismatch, Unreadable) as problem:
@@ -156,6 +161,13 @@ def read_run(options: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Run:
         return gather_run(options, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
     except Mismatch as problem:
         raise Mismatch(f"The plan of the fleet cannot be read: {problem}") from None
+
+
+def name_inventory(task_vars: Mapping[str, Any]) -> str:
+    """Name the inventory of this run as a command has it after -i; empty if it has none, as with -i host,."""
+    sources = [str(source) for source in task_vars.get("ansible_inventory_sources") or ()]
+    paths = [source if "," in source else min(source, os.path.relpath(source), key=len) for source in sources]
+    return " -i ".join(map(shlex.quote, paths))
 
 
 def format_durations(marks: Any, now: float) -> str:

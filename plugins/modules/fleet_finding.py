@@ -44,6 +44,16 @@ EXAMPLES = r"""
 """
 
 RETURN = r"""
+id:
+  description: The kind of the fault. It never changes its meaning.
+  returned: always
+  type: str
+  sample: RF-202
+page:
+  description: The address of the page about it.
+  returned: always
+  type: str
+  sample: https://github.com/rosfleet/multimaster/blob/main/docs/findings/2xx.md#rf-202
 kind:
   description: What the broken part is, such as V(names), V(route) or V(filter).
   returned: always
@@ -74,16 +84,61 @@ sentence:
   returned: always
   type: str
   sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
+do:
+  description: What to do, step by step. Empty if the finding is only inferred.
+  returned: always
+  type: list
+  elements: dict
+  sample:
+    - where: the controller
+      text: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer
+      effect: writes /etc/hosts
+  contains:
+    where:
+      description: The place of the command, C(the controller), C(the inventory) or a computer. Empty if no command does it.
+      returned: always
+      type: str
+      sample: the controller
+    text:
+      description: The command to paste, the change of the inventory, or words.
+      returned: always
+      type: str
+      sample: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer
+    effect:
+      description: What it does; it is no part of the command.
+      returned: always
+      type: str
+      sample: writes /etc/hosts
+look:
+  description: What to look at if that does not help, or if the finding is only inferred. It changes nothing.
+  returned: always
+  type: list
+  elements: dict
+  sample:
+    - where: kobuki1computer
+      text: getent ahostsv4 kobuki2computer
+      effect: ""
+  contains:
+    where:
+      description: The place of the command, C(the controller), C(the inventory) or a computer. Empty if no command does it.
+      returned: always
+      type: str
+      sample: kobuki1computer
+    text:
+      description: The command to paste, the change of the inventory, or words.
+      returned: always
+      type: str
+      sample: getent ahostsv4 kobuki2computer
+    effect:
+      description: What it does; it is no part of the command.
+      returned: always
+      type: str
+      sample: ""
 remedy:
-  description: What to do.
+  description: The steps of RV(do) as one text, or those of RV(look) if there is nothing to do.
   returned: always
   type: str
-  sample: run site.yml, which also keeps cloud-init from writing the line again at boot
-decide:
-  description: The command that shows whether it is this part.
-  returned: always
-  type: str
-  sample: "on kobuki1computer: getent ahostsv4 kobuki2computer; cat /etc/hosts"
+  sample: "on the controller: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer (writes /etc/hosts)"
 since:
   description: Since when it is so, where the computer tells; else empty.
   returned: always

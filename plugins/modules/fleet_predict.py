@@ -93,7 +93,7 @@ ways:
   returned: success
   type: list
   elements: dict
-  sample: [{from: tibi-nav, to: dabo-nav, traffic: ping, now: fails, after: reaches, where: "", why: ""}]
+  sample: [{from: tibi-nav, to: dabo-nav, traffic: ping, now: fails, after: reaches, where: "", why: "", id: ""}]
   contains:
     from:
       description: The computer that sends.
@@ -130,6 +130,11 @@ ways:
       returned: always
       type: str
       sample: a packet filter on tibi-visio drops ping
+    id:
+      description: The id of the reason, with a page in docs/findings, or empty.
+      returned: always
+      type: str
+      sample: RF-709
 msg:
   description: The result in one sentence.
   returned: success

@@ -179,20 +179,39 @@ findings:
   type: list
   elements: dict
   sample:
-    - kind: names
+    - id: RF-202
+      page: https://github.com/rosfleet/multimaster/blob/main/docs/findings/2xx.md#rf-202
+      kind: names
       place: kobuki1computer
       mode: loopback
       what: kobuki2computer
       verdict: failed
       sentence: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
-      remedy: run site.yml, which also keeps cloud-init from writing the line again at boot
-      decide: "on kobuki1computer: getent ahostsv4 kobuki2computer; cat /etc/hosts"
+      do:
+        - where: the controller
+          text: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer
+          effect: writes /etc/hosts
+      look:
+        - where: kobuki1computer
+          text: getent ahostsv4 kobuki2computer
+          effect: ""
+      remedy: "on the controller: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer (writes /etc/hosts)"
       since: /etc/hosts was changed 2026-11-22 09:12:44 UTC
       rivals: []
       seen:
         - {check: name, observer: kobuki1computer, target: kobuki2computer, verdict: failed, expected: 192.168.1.239, found: 127.0.1.1}
       follows: 3
   contains:
+    id:
+      description: The kind of the fault. It never changes its meaning.
+      returned: always
+      type: str
+      sample: RF-202
+    page:
+      description: The address of the page about it.
+      returned: always
+      type: str
+      sample: https://github.com/rosfleet/multimaster/blob/main/docs/findings/2xx.md#rf-202
     kind:
       description: What the part is, such as V(names), V(route) or V(filter).
       returned: always
@@ -223,23 +242,68 @@ findings:
       returned: always
       type: str
       sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
+    do:
+      description: What to do, step by step. Empty if the finding is only inferred.
+      returned: always
+      type: list
+      elements: dict
+      sample:
+        - where: the controller
+          text: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer
+          effect: writes /etc/hosts
+      contains:
+        where:
+          description: The place of the command, C(the controller), C(the inventory) or a computer. Empty if no command does it.
+          returned: always
+          type: str
+          sample: the controller
+        text:
+          description: The command to paste, the change of the inventory, or words.
+          returned: always
+          type: str
+          sample: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer
+        effect:
+          description: What it does; it is no part of the command.
+          returned: always
+          type: str
+          sample: writes /etc/hosts
+    look:
+      description: What to look at if that does not help, or if the finding is only inferred. It changes nothing.
+      returned: always
+      type: list
+      elements: dict
+      sample:
+        - where: kobuki1computer
+          text: getent ahostsv4 kobuki2computer
+          effect: ""
+      contains:
+        where:
+          description: The place of the command, C(the controller), C(the inventory) or a computer. Empty if no command does it.
+          returned: always
+          type: str
+          sample: kobuki1computer
+        text:
+          description: The command to paste, the change of the inventory, or words.
+          returned: always
+          type: str
+          sample: getent ahostsv4 kobuki2computer
+        effect:
+          description: What it does; it is no part of the command.
+          returned: always
+          type: str
+          sample: ""
     remedy:
-      description: What to do.
+      description: The steps of RV(findings[].do) as one text, or those of RV(findings[].look) if there is nothing to do.
       returned: always
       type: str
-      sample: run site.yml, which also keeps cloud-init from writing the line again at boot
-    decide:
-      description: The command that shows whether it is this part.
-      returned: always
-      type: str
-      sample: "on kobuki1computer: getent ahostsv4 kobuki2computer; cat /etc/hosts"
+      sample: "on the controller: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer (writes /etc/hosts)"
     since:
       description: Since when it is so, where the computer tells; else empty.
       returned: always
       type: str
       sample: /etc/hosts was changed 2026-11-22 09:12:44 UTC
     rivals:
-      description: Other parts that explain the same, each with C(kind), C(place), C(mode) and C(sentence). It is one of all these.
+      description: Other parts that explain the same, each with C(id), C(kind), C(place), C(mode) and C(sentence). It is one of all these.
       returned: always
       type: list
       elements: dict
@@ -254,7 +318,7 @@ findings:
     sure:
       description:
         - How sure it is. V(seen), a value on a computer shows it. V(located), packets were followed to it. V(inferred), it explains best what
-          failed; then RV(findings[].remedy) says only what to look at.
+          failed; then RV(findings[].do) is empty.
       returned: always
       type: str
       sample: seen

@@ -3,14 +3,13 @@
 
 """The commands that a person would paste of a finding, and what came of them. Pure.
 
-A remedy is words, and what can be pasted is `run site.yml`, or `on COMPUTER: COMMAND`, which `then run site.yml` may follow.
-What stands behind `; see` only shows, and what stands behind `; if it does not last` is for later.
+`do` of a finding has the steps: a command for a computer, site.yml for the controller, or words for hands.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from catalogue import Step
@@ -19,18 +18,19 @@ CONTROLLER, SITE = "controller", "site.yml"
 MENDS, FAILS, STAYS, OTHER, WORDS = "yes", "the command fails", "no", "no, another is named", "words"
 WRONG = (FAILS, STAYS, OTHER)
 PART = ("kind", "mode", "place")
-LATER = re.compile("; (?:see|if it does not last,) ")
-COMMAND = re.compile(r"(?:^|; )on (?P<where>[a-z0-9-]+): (?P<what>.+)$")
+COMPUTER = re.compile(r"[a-z0-9-]+")
+GAP = re.compile(r"<\w[^>]*>")  # what a person fills in
 
 
-def steps(remedy: str) -> tuple[Step, ...]:
-    """Read the commands of a remedy; none where it is words alone."""
-    text = remedy if not remedy.startswith("see ") else ""
-    text = LATER.split(text)[0]
-    text, then, _what_for = text.partition("; then run site.yml")
-    found = COMMAND.search(text)
-    site = (Step(CONTROLLER, SITE),) if then or text.startswith("run site.yml") else ()
-    return ((Step(found["where"], found["what"]),) if found else ()) + site
+def steps(do: Iterable[Mapping[str, str]]) -> tuple[Step, ...]:
+    """Read the commands of what is to be done; none where it is words alone."""
+    found = []
+    for one in do:
+        if "rosfleet.multimaster.site" in one["text"]:
+            found.append(Step(CONTROLLER, SITE))
+        elif COMPUTER.fullmatch(one["where"]) and not GAP.search(one["text"]):
+            found.append(Step(one["where"], one["text"]))
+    return tuple(found)
 
 
 def result(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:

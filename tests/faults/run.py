@@ -154,7 +154,7 @@ class Catalogue:
         told = first["remedy"]
         if first["sure"] == "inferred":
             return f"{remedy.WORDS}: look: {told}"  # it says where to look, and advises no change
-        steps = remedy.steps(told)
+        steps = remedy.steps(first["do"])
         for step in steps:
             wrong = self._pasted(step)
             if wrong:

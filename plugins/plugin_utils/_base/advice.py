@@ -31,6 +31,8 @@ FORMS = {
         r"priority [0-9]+(?: from (?:all|[0-9./]+))?(?: to [0-9./]+)?(?: ipproto [a-z0-9]+)?(?: [sd]port [0-9-]+)*"
         r" (?:table [A-Za-z0-9_.-]+|blackhole|unreachable|prohibit)"
     ),
+    # a chain of a packet filter, with its family and table
+    "chain": re.compile(r"(?:inet|ip) [A-Za-z0-9_][A-Za-z0-9_.-]* [A-Za-z0-9_][A-Za-z0-9_.-]*"),
     # a name, address, unit or setting in the remedy of a part
     "what": re.compile(r"[A-Za-z0-9][A-Za-z0-9_./@:-]*"),
 }
@@ -45,7 +47,7 @@ def command(words: str, *values: tuple[str, object]) -> str:
 
 
 def format_value(form: str, text: str) -> str:
-    """The text as a command has it, empty if it has not this form. A route and a rule are several words of `ip`."""
+    """The text as a command has it, empty if it has not this form. A route, a rule and a chain are several words."""
     if len(text) > LONGEST or not FORMS[form].fullmatch(text):
         return ""
     if any(shlex.quote(word) != word for word in text.split(" ")):

@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 from .._base.features import load_hooks
 from .._base.sentences import shorten_list
+from .._faults.fault import Advices, Fault, write_advices
+from .._faults.foreseen import PREDICTED, PREDICTIONS
 from .._network import facts, packets
 from .._network.model import Packet, World
 from .._network.packets import Trace
@@ -89,6 +91,11 @@ class End(NamedTuple):
     network: str  # to which they were going
     hop: str = ""  # the next machine, as an address
     traffic: str = ""  # empty, unless only this traffic ends
+
+    @property
+    def fault(self) -> Fault:
+        """The row of the table of faults."""
+        return PREDICTIONS[PREDICTED, self.outcome]
 
 
 class Pair(NamedTuple):
@@ -221,65 +228,25 @@ def _network(fleet: FleetPlan, address: IPv4Address) -> str:
 
 # Sentences
 
-# outcome -> what happens, and what to do
-SENTENCES: Mapping[str, tuple[str, str]] = {
-    packets.NO_ROUTE: (
-        "{where} has no route to {network}",
-        "add one, or let multimaster_routes be 'default' or 'networks'; see on {where}: ip route",
-    ),
-    packets.CLOSED: (
-        "{where} has a rule or a route that leads nowhere for {network}",
-        "take it away; see on {where}: ip rule; ip route show table all type unreachable; ip route show table all type blackhole",
-    ),
-    packets.NO_ADDRESS: ("{where} has no address to send from", "give its interface the address of the inventory"),
-    packets.NOBODY: (
-        "{where} sends what is for {network} to {hop}, where nobody answers",
-        "correct the route or the address; see on {where}: ip route; ip neighbour",
-    ),
-    packets.OFF: ("{where} is off", "switch it on"),
-    packets.DOWN: ("the interface of {where} to {network} is down", "bring it up: ip link set <interface> up"),
-    packets.LINK_DOWN: ("{where} is down", "look at the switch or the access point"),
-    packets.APART: ("{where} keeps its clients apart", "switch off client isolation on the access point"),
-    packets.FILTERED: (
-        "a packet filter on {where} drops {traffic}",
-        "let them pass between the robots' networks; see on {where}: nft list ruleset",
-    ),
-    packets.REJECTED: (
-        "a packet filter on {where} refuses {traffic}",
-        "let them pass between the robots' networks; see on {where}: nft list ruleset",
-    ),
-    packets.NOT_FORWARDED: (
-        "{where} does not pass packets on to {network}",
-        "set net.ipv4.ip_forward to 1 there, also for each interface; site.yml does so on gateways and the router",
-    ),
-    packets.REVERSE_PATH: (
-        "{where} drops packets for {network} that come in on another interface than the one that leads back",
-        "set net.ipv4.conf.all.rp_filter to 2 there, or correct its routes",
-    ),
-    packets.TOO_LARGE: (
-        "{where} takes no {traffic} for {network}",
-        "give all interfaces of a network one MTU; see on {where}: ip link",
-    ),
-    packets.CIRCLE: (
-        "{where} sends what is for {network} back to where it came from",
-        "correct its routes; see there: ip route",
-    ),
-    packets.ELSEWHERE: ("two machines have an address of {network}", "give one of them another address"),
-    TRANSLATED: (
-        "{where} translates addresses (masquerading) of what leaves it for {network}",
-        "translate nothing between the robots' networks; see on {where}: nft list ruleset; iptables -t nat -S",
-    ),
-}
-
 
 def write_sentence(end: End, pairs: Sequence[Pair]) -> str:
     """Return one sentence: where packets would end, the ways that fail, and what to do."""
-    what, remedy = SENTENCES[end.outcome]
-    what, remedy = what.format(**{**end._asdict(), "where": "it"}), remedy.format(**end._asdict())
+    what, remedy = _describe(end, "it"), write_advices(list_remedies(end))
     effect = "would not work; expected a way there and back"
     if all(pair.after == REACHES for pair in pairs):
         effect = "would show another address, by which no node is found; expected the computer's own"
-    return f"{end.where}: after site.yml {what}, so {_name_ways(pairs)} {effect}: {remedy}."
+    return f"{end.where}: after site.yml {what}, so {_name_ways(pairs)} {effect} [{end.fault.id}]: {remedy}."
+
+
+def _describe(end: End, place: str = "") -> str:
+    """Say what happens at a place."""
+    words = {"hop": end.hop, "traffic": end.traffic}
+    return end.fault.sentence.format(place=place or end.where, what=end.network, **words)
+
+
+def list_remedies(end: End) -> Advices:
+    """Say what to do at a place, then what to look at."""
+    return end.fault.fill((*end.fault.do, *end.fault.look), (end.where,), "")
 
 
 def _name_ways(pairs: Sequence[Pair]) -> str:
@@ -301,7 +268,8 @@ def list_ways(prediction: Prediction) -> list[dict[str, str]]:
             "now": pair.now,
             "after": pair.after,
             "where": pair.end.where if pair.end else "",
-            "why": SENTENCES[pair.end.outcome][0].format(**pair.end._asdict()) if pair.end else "",
+            "why": _describe(pair.end) if pair.end else "",
+            "id": pair.end.fault.id if pair.end else "",
         }
         for pair in prediction.pairs
         if pair.after != REACHES or pair.now != REACHES
@@ -368,8 +336,16 @@ def _cell(pairs: Sequence[Pair]) -> str:
 
 def _groups(prediction: Prediction) -> Iterator[str]:
     for number, (end, pairs) in enumerate(prediction.failures.items(), 1):
-        what, remedy = (text.format(**end._asdict()) for text in SENTENCES[end.outcome])
-        rows = ((f"{number:>3}. ", what), ("     for:    ", _name_ways(pairs)), ("     remedy: ", remedy))
+        do, look = (
+            write_advices(end.fault.fill(advices, (end.where,), "")) for advices in (end.fault.do, end.fault.look)
+        )
+        what = f"{_describe(end)} [{end.fault.id}]"
+        rows = (
+            (f"{number:>3}. ", what),
+            ("     for:    ", _name_ways(pairs)),
+            ("     do:     ", do),
+            ("     look:   ", look),
+        )
         for label, text in rows:
             lines = textwrap.wrap(text, WIDTH - len(label), break_long_words=False, break_on_hyphens=False)
             yield label + f"\n{' ' * len(label)}".join(lines)

@@ -5,32 +5,46 @@
 
 from __future__ import annotations
 
-from ..._verify.components.fault import READ, SITE, ComponentHooks, Fault
+from ..._faults.fault import READ, ComponentHooks, Fault, hand, on, site
 
 HOOKS = ComponentHooks(
+    kinds={"time_source": "The clocks of the fleet drift apart, some seconds in a day."},
     faults={
         ("time_source", "none"): Fault(
+            "RF-602",
             "no time service of {place} answers, so its clock is nobody's",
-            f"{SITE}, which starts chrony; see",
-            "on {place}: systemctl status chrony; chronyc sources",
+            do=(site("starts chrony"),),
+            look=(on("systemctl status chrony; chronyc -n sources"),),
             cost=2.0,
+            why="programs end, and are switched off",
             hard=False,
             read=READ,
         ),
         ("time_source", "wrong"): Fault(
+            "RF-603",
             "the clock of {place} follows {what}, not the source of the fleet's time",
-            f"{SITE} on it; preflight names a time service that somebody has configured there, which stays as it is",
-            "on {place}: chronyc -n sources",
+            do=(
+                site(
+                    "gives it the source; preflight names a time service that somebody has configured there, which stays as it is"
+                ),
+            ),
+            look=(on("chronyc -n sources; systemctl list-units '*ntp*' '*timesyncd*' '*chrony*'"),),
             cost=2.0,
+            why="distributions bring a time service with sources of their own",
             hard=False,
             what="another one",
             read=READ,
         ),
         ("time_source", "mute"): Fault(
+            "RF-604",
             "{place}, the source of the fleet's time, gives it to nobody",
-            f"{SITE} on it; let UDP port 123 pass there; see",
-            "on {place}: chronyc -n tracking; chronyc serverstats; nft list ruleset",
+            do=(
+                site("lets it answer the fleet"),
+                hand("accept UDP port 123 there, in the program that makes its packet filter"),
+            ),
+            look=(on("chronyc -n tracking; chronyc serverstats; nft list ruleset"),),
+            why="one computer that hears nothing is more frequent",
             hard=False,
         ),
-    }
+    },
 )

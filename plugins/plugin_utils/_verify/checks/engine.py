@@ -112,6 +112,7 @@ class Verification:
     """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run.
 
     `pairs` chooses the pairs: `all`, or `auto`; see `pairs.choose_pairs`. `least` and `since_last` are those of FleetState.
+    `inventory` is for commands that people paste.
     """
 
     def __init__(
@@ -122,7 +123,9 @@ class Verification:
         pairs: str = ALL,
         least: float = 0.0,
         since_last: float = 0.0,
+        inventory: str = "",
     ) -> None:
+        self.inventory = inventory
         self.checks = {check.id: check for check in checks}
         self.fleet = fleet
         self.state = FleetState(fleet, observations, least, since_last)

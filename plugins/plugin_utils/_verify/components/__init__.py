@@ -1,8 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of what can be broken, and how."""
+"""What can be broken, and what follows from what."""
 
-__all__ = (
-    "fault",
-    "parts",
-)
+__all__ = ("parts",)

@@ -8,13 +8,17 @@ What a machine told is in them only where it has the form of its place: advice.p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from ipaddress import IPv4Network
 
 from ..._base import advice
-from ..components.fault import SITE
+from ..._faults.fault import Advice, Advices
+from ..._faults.filters import DROPPED, RULED
 from ..components.parts import Part
 from ..context.case import FleetState, Participant
-from .node_remedies import describe_remedy
+from .node_remedies import list_remedies
+from .onset import MAKERS
 
 ROS = ("roscore", "discovery", "sync")  # services
 
@@ -105,6 +109,41 @@ def _limit_files(_computer: Participant, parts: Sequence[Part], _state: FleetSta
         yield advice.command("systemctl daemon-reload; systemctl restart {}", unit)
 
 
+#: a maker of packet filters -> what it is told of a network, by the direction of its packets, so that it holds at boot; then what loads it
+LASTING: Mapping[str, tuple[Mapping[str, str], str]] = {
+    "ufw": ({"in": "ufw allow from {}", "out": "ufw allow out to {}", "forward": "ufw route allow from {}"}, ""),
+    "firewalld": (
+        dict.fromkeys(("in", "forward"), "firewall-cmd --permanent --zone=trusted --add-source={}"),
+        "firewall-cmd --reload",
+    ),
+    "docker": ({"forward": "iptables -I DOCKER-USER -s {} -j ACCEPT"}, ""),
+}
+
+
+def _accept_packets(_computer: Participant, parts: Sequence[Part], state: FleetState) -> Commands:
+    """A rule before the one that drops lets the packets of the fleet pass; its program is told, where it is known."""
+    networks = sorted({*(entry.network for entry in state.fleet.networks), state.fleet.common_network})
+    for part in parts:
+        origins, direction = state.filters.list_origins(part), part.mode.rpartition(" ")[2]
+        known = [told for maker, told in LASTING.items() if any(re.fullmatch(MAKERS[maker], one) for one in origins)]
+        if known and (words := known[0][0].get(direction)):
+            yield from (words.format(network) for network in networks)
+            yield known[0][1]
+        elif origins:
+            yield _accept_before(part, origins[0], networks)
+
+
+def _accept_before(part: Part, origin: str, networks: Iterable[IPv4Network]) -> str:
+    mode, _space, direction = part.mode.rpartition(" ")
+    dropped = DROPPED.get(mode or direction)
+    what = part.what or (dropped.what if dropped else "")
+    match = dropped.match.format(what=what) if dropped else ""
+    if "{what}" in (dropped.match if dropped else "") and not what.isdigit():
+        return ""
+    among = f"ip {'daddr' if direction == 'out' else 'saddr'} {{{{ {', '.join(map(str, networks))} }}}}"
+    return advice.command(" ".join(filter(None, ("nft insert rule {}", among, match, "accept"))), ("chain", origin))
+
+
 # (kind, mode) -> the commands, from what was read.
 COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Part], FleetState], Commands]] = {
     ("link", "down"): _switch_on,
@@ -117,23 +156,17 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Part], FleetS
     ("boot", "sysctl"): _comment_out_settings,
     ("environment", "service"): _drop_ins,
     ("limit", "unit"): _limit_files,
-}
-# What site.yml does after these.
-THEN = {
-    ("link", "down"): "sets its routes",
-    ("interface", "prefix"): "sets its routes",
-    ("boot", "sysctl"): "sets it at boot",
+    **dict.fromkeys(RULED, _accept_packets),
 }
 
 
-def command(parts: Sequence[Part], computer: Participant | None, state: FleetState) -> str:
-    """Return what to paste for parts that are one finding; empty where nothing was read that says it."""
+def make_commands(parts: Sequence[Part], computer: Participant | None, state: FleetState) -> Advices:
+    """Return what to paste for parts that are one finding; nothing where nothing was read that says it."""
     fault = parts[0].kind, parts[0].mode
     if parts[0].kind == "node":
-        return describe_remedy(parts, computer, state)
+        return list_remedies(parts, computer, state)
     found = COMMANDS.get(fault)
     if found is None or computer is None:
-        return ""
+        return ()
     words = "; ".join(filter(None, dict.fromkeys(found(computer, parts, state))))
-    after = f"; then {SITE}, which {THEN[fault]}" if fault in THEN else ""
-    return f"on {parts[0].place}: {words}{after}" if words else ""
+    return (Advice(parts[0].place, words),) if words else ()

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
 from ..._base.sentences import shorten_list
+from ..._faults.fault import ALWAYS, CONTROLLER, INVENTORY, Advices
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Judgement, Row, Verification
-from ..components.fault import ALWAYS
 from ..components.parts import ANY, FOLLOWS, HEARSAY, RULED, Part
 from ..context import needs
 from ..context.case import LATELY, Participant
@@ -24,7 +24,7 @@ from ..context.errors import find_parts
 from ..context.needs import Parts
 from ..trace.findings import SeenEnd, find_ends
 from ..trace.probes import find_trip, list_trips
-from .commands import command
+from .commands import make_commands
 from .cover import Failure, explain
 from .effects import Effects
 from .offsets import offset
@@ -60,7 +60,8 @@ class Finding:
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
     followed: tuple[SeenEnd, ...] = ()  # where packets were seen to end
     since: str = ""  # empty where it is not known
-    command: str = ""  # that mends it, where what was read gives one
+    commands: Advices = ()  # that mend it, where what was read gives some
+    inventory: str = ""  # of the run, for commands; empty where it is not known
 
     @property
     def sure(self) -> str:
@@ -83,15 +84,25 @@ class Finding:
         """Say what is wrong."""
         return self.part._replace(what=self.subjects).sentence()
 
-    def remedy(self) -> str:
-        """Say what to do: the command first, and what to look at if it does not last. What is inferred is only looked at."""
+    @property
+    def do(self) -> Advices:
+        """Say what to do: what was read gives the commands, and the row what lasts. Nothing where it is only inferred."""
         if self.sure == INFERRED:
-            return self.part.decide()
-        if self.command and self.part.kind == "node":
-            return (
-                self.command
-            )  # it names what has started the node, of which the part's remedy can only say what it may be
-        return f"{self.command}; if it does not last, {self.part.remedy()}" if self.command else self.part.remedy()
+            return ()
+        own = self.part.do(self.inventory)
+        if not self.commands:
+            return own
+        if (
+            self.part.kind == "node"
+        ):  # they name what has started the node, of which the row can only say what it may be
+            return self.commands
+        return (*self.commands, *(one for one in own if one.where in (CONTROLLER, INVENTORY)))
+
+    @property
+    def look(self) -> Advices:
+        """Say what to look at if that does not help, or to tell the candidates apart."""
+        ways = (one for end in self.followed[:1] for one in end.look) if self.part.kind == "way" else ()
+        return tuple(dict.fromkeys((*ways, *(one for part in self.candidates for one in part.look(self.inventory)))))
 
 
 @dataclass(frozen=True)
@@ -309,7 +320,8 @@ class _Diagnosis:
         return replace(
             _add_clock_offset(entry),
             since=describe_onset(entry.part, computer, self.verification.state),
-            command=command((entry.part, *entry.also), computer, self.verification.state),
+            commands=make_commands((entry.part, *entry.also), computer, self.verification.state),
+            inventory=self.verification.inventory,
         )
 
     def _explain_loss(self) -> Parts:

@@ -3,7 +3,7 @@
 
 """How a person's node is started right: in the shell, the unit, the launch file or the container that has started it.
 
-Pure: what was read of its process in, a sentence out.
+Pure: what was read of its process in, advices out.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from ..._base import advice
+from ..._faults.fault import HANDS, Advice, Advices
 from ..components.parts import Part
 from ..context.announcements import Misplaced
 from ..context.case import FleetState, Participant
@@ -18,15 +19,16 @@ from ..context.case import FleetState, Participant
 PROFILE = ". /etc/profile.d/rosfleet-multimaster.sh"
 ENVIRONMENT = "/etc/rosfleet-multimaster/environment"
 HOSTS = ("ROS_HOSTNAME", "ROS_IP")  # variables
+MOST = 3  # ways of starting that are described
 UNREAD = "its environment cannot be read here, so which variable is wrong is unknown"
 
 
-def describe_remedy(parts: Sequence[Part], computer: Participant | None, state: FleetState) -> str:
-    """Say how the nodes of a finding are started right; empty where nothing is known of what has started them."""
+def list_remedies(parts: Sequence[Part], computer: Participant | None, state: FleetState) -> Advices:
+    """Say how the nodes of a finding are started right; nothing where nothing is known of what has started them."""
     parts_here = set(parts)
     nodes = [one for one in _list_nodes(state) if one.part in parts_here]
-    sentences = (_describe(one, computer) for one in nodes)
-    return "; ".join(list(dict.fromkeys(filter(None, sentences)))[:3])
+    groups = list(dict.fromkeys(filter(None, (_describe(one, computer) for one in nodes))))
+    return tuple(dict.fromkeys(one for group in groups[:MOST] for one in group))
 
 
 def _list_nodes(state: FleetState) -> Iterable[Misplaced]:
@@ -36,27 +38,31 @@ def _list_nodes(state: FleetState) -> Iterable[Misplaced]:
         yield from strays
 
 
-def _describe(one: Misplaced, computer: Participant | None) -> str:
+def _describe(one: Misplaced, computer: Participant | None) -> Advices:
     starter = _STARTERS.get(one.process.starter)
     if starter is None or computer is None:
-        return ""
-    words = starter(one, computer)
-    return words if one.process.readable else f"{words} ({UNREAD})"
+        return ()
+    found = starter(one, computer)
+    return found if one.process.readable or not found else (*found, Advice(HANDS, UNREAD))
 
 
 def _unset(one: Misplaced) -> str:
-    """The variables that a shell has to forget, as words of a command that goes on."""
+    """The variables that a shell has to forget, and the profile that it has to read, as a command."""
     source = one.process.source
     names = [] if one.mode in ("robot", "master") else [source] if source in HOSTS else []
-    return f"unset {' '.join(names or HOSTS)}; "
+    return f"unset {' '.join(names or HOSTS)}; {PROFILE}"
 
 
-def _describe_shell(one: Misplaced, computer: Participant) -> str:
+def _describe_shell(one: Misplaced, computer: Participant) -> Advices:
     where = f" ({one.process.unit})" if one.process.unit else ""
-    return f"in the shell on {computer.name} that has started {one.node}{where}: {_unset(one)}{PROFILE}; then start it again"
+    return (
+        Advice(
+            computer.name, _unset(one), f"in the shell that has started {one.node}{where}; then start it again there"
+        ),
+    )
 
 
-def _describe_unit(one: Misplaced, computer: Participant) -> str:
+def _describe_unit(one: Misplaced, computer: Participant) -> Advices:
     unit = ("unit", one.process.unit)
     source = one.process.source
     wrong = source if source in HOSTS and source not in computer.plan.environment else ""
@@ -66,32 +72,33 @@ def _describe_unit(one: Misplaced, computer: Participant) -> str:
         f"systemctl restart {{}}"
     )
     made = advice.command(words, unit, unit, unit)
-    return f"on {computer.name}: {made}" if made else ""
+    return (Advice(computer.name, made, f"the unit has started {one.node}"),) if made else ()
 
 
-def _describe_launch(one: Misplaced, computer: Participant) -> str:
+def _describe_launch(one: Misplaced, computer: Participant) -> Advices:
     file = one.process.launch or "the launch file"
     what = "ROS_MASTER_URI" if one.mode in ("robot", "master") else one.process.source
     names = what if what in (*HOSTS, "ROS_MASTER_URI") else " and ".join(HOSTS)
     return (
-        f"take {names} out of {file} on {computer.name} (<env name=...>), and in the shell or unit that starts roslaunch: "
-        f"{_unset(one)}{PROFILE}; then start it again"
+        Advice(HANDS, f"take {names} out of {file} on {computer.name} (<env name=...>)"),
+        Advice(computer.name, _unset(one), "in the shell or unit that starts roslaunch; then start it again"),
     )
 
 
-def _describe_container(one: Misplaced, computer: Participant) -> str:
+def _describe_container(one: Misplaced, computer: Participant) -> Advices:
     given = " ".join(
         f"--env {name}={value}" for name, value in _list_variables(computer) if advice.format_value("what", value)
     )
     where = f" ({one.process.unit})" if one.process.unit else ""
-    return f"start the container on {computer.name}{where} with the network of the computer and its names: --network host {given}"
+    words = f"start the container on {computer.name}{where} with the network of the computer and its names: --network host {given}"
+    return (Advice(HANDS, words),)
 
 
 def _list_variables(computer: Participant) -> list[tuple[str, str]]:
     return [(name, value) for name, value in computer.plan.environment.items() if name in (*HOSTS, "ROS_MASTER_URI")]
 
 
-_STARTERS: Mapping[str, Callable[[Misplaced, Participant], str]] = {
+_STARTERS: Mapping[str, Callable[[Misplaced, Participant], Advices]] = {
     "shell": _describe_shell,
     "unit": _describe_unit,
     "launch": _describe_launch,

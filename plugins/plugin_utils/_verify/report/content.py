@@ -11,6 +11,7 @@ from itertools import islice
 from typing import Any
 
 from ..._base.plain import to_plain
+from ..._faults.fault import list_advices, write_advices
 from ..._inventory.filters import matches
 from ..._inventory.flows import find_outer_name, list_names
 from ..._plan.model import FleetPlan
@@ -43,20 +44,29 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """List the findings with their rows."""
     return [
         {
+            "id": entry.part.fault.id,
+            "page": entry.part.fault.page,
             "kind": entry.part.kind,
             "place": entry.part.place_text,
             "mode": entry.part.mode,
             "what": entry.subjects,
             "verdict": entry.verdict,
             "sentence": entry.sentence(),
-            "remedy": entry.remedy(),
-            "decide": entry.part.decide(),
+            "do": list_advices(entry.do),
+            "look": list_advices(entry.look),
+            "remedy": write_advices(entry.do or entry.look),
             "sure": entry.sure,
             "followed": [end.words for end in entry.followed],
             "ways": [to_plain(end.way) for end in entry.followed],
             "since": entry.since,
             "rivals": [
-                {"kind": part.kind, "place": part.place_text, "mode": part.mode, "sentence": part.sentence()}
+                {
+                    "id": part.fault.id,
+                    "kind": part.kind,
+                    "place": part.place_text,
+                    "mode": part.mode,
+                    "sentence": part.sentence(),
+                }
                 for part in entry.rivals
             ],
             "seen": [row._asdict() for row in entry.proof],

@@ -71,7 +71,7 @@ def make_verification(run: Run) -> Verification:
     """Apply the table of checks to the observations of a run."""
     pairs = AUTO if run.about.get("pairs") == AUTO else ALL
     least, since_last = (float(run.about.get(key) or 0) for key in ("least_mbit_s", "since_last_s"))
-    return Verification(CHECKS, run.fleet, run.observations, pairs, least, since_last)
+    return Verification(CHECKS, run.fleet, run.observations, pairs, least, since_last, run.inventory)
 
 
 def make_document(run: Run, judgement: Judgement) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from ..._base.plain_text import plain
+from ..._faults.fault import read_advices
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
 from .history import TIME
 
@@ -34,6 +35,8 @@ def write_junit(document: Mapping[str, Any]) -> str:
         errors="0",
         skipped=str(sum(map(_is_skipped, checks))),
     )
+    if document["findings"]:
+        _list_properties(suite, document["findings"])
     for check in checks:
         _case(suite, check, rows)
     ElementTree.SubElement(suite, "system-out").text = _text(document["findings"])
@@ -82,5 +85,20 @@ def _list_rows(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join([*lines, f"and {len(rows) - LISTED} more"] if len(rows) > LISTED else lines)
 
 
+def _list_properties(suite: ElementTree.Element, findings: Sequence[Mapping[str, Any]]) -> None:
+    """Name the ids of the findings, each with its place, and the page of each id."""
+    properties = ElementTree.SubElement(suite, "properties")
+    for entry in findings[:LISTED]:
+        ElementTree.SubElement(properties, "property", name="finding", value=plain(f"{entry['id']} {entry['place']}"))
+    for page in dict.fromkeys(entry["page"] for entry in findings[:LISTED]):
+        ElementTree.SubElement(properties, "property", name="page", value=page)
+
+
 def _text(findings: Sequence[Mapping[str, Any]]) -> str:
-    return "\n".join(plain(f"{entry['verdict']}: {entry['sentence']}; {entry['remedy']}", 500) for entry in findings)
+    return "\n".join(plain(line, 500) for entry in findings for line in _list_lines(entry))
+
+
+def _list_lines(entry: Mapping[str, Any]) -> list[str]:
+    """List the lines of a finding: its sentence, what to do, and what to look at."""
+    advices = [(word, one.sentence) for word in ("do", "look") for one in read_advices(entry[word])]
+    return [f"{entry['verdict']}: {entry['id']}: {entry['sentence']}", *(f"  {word}: {text}" for word, text in advices)]

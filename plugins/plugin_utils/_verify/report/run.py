@@ -41,6 +41,7 @@ class Run:
     machines: Mapping[str, Mapping[str, str]]
     about: Mapping[str, str]
     logs: Mapping[str, str] = field(default_factory=dict)
+    inventory: str = ""  # of the person who runs it, for commands; no bundle has it
 
 
 def gather_run(

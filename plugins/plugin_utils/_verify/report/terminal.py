@@ -13,9 +13,10 @@ from typing import Any
 
 from ..._base.plain_text import plain
 from ..._base.sentences import join_causes, shorten_list
+from ..._faults.fault import PAGES, Advices
 from ..checks.engine import FAILED, OK, UNKNOWN, VERDICTS, WARNING, Row
 from ..checks.table import CHECKS, TITLES
-from ..diagnose.diagnosis import INFERRED, Diagnosis, Finding
+from ..diagnose.diagnosis import Diagnosis, Finding
 from .nodes import HEADINGS as NODE_HEADINGS
 from .nodes import ROWS, describe_nodes, list_cells
 from .summary import Summary, is_small
@@ -47,6 +48,9 @@ def render(
         parts.append(f"Explained are {diagnosis.looked_at} of {diagnosis.total} results that are not as expected.")
     for verdict, heading in ((FAILED, "Findings"), (WARNING, "Warnings"), (UNKNOWN, "Not judged")):
         parts += _findings([entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers, width)
+    parts += (
+        [f"What an id such as {diagnosis.findings[0].part.fault.id} means:\n  {PAGES}"] if diagnosis.findings else []
+    )
     parts += _format_unexplained(diagnosis.unexplained, width)
     parts += _format_nodes(nodes, width) if nodes else []
     parts += _format_traffic(traffic, width) if traffic else []
@@ -120,7 +124,8 @@ def _findings(findings: Sequence[Finding], heading: str, numbers: Iterator[int],
 def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
     """Yield the lines of a finding: (label, text). Those without a text are not printed."""
     causes = [part.sentence() for part in entry.candidates] if entry.rivals else [entry.sentence()]
-    yield "{number:>3}. ", join_causes(causes)
+    named = [f"{cause} [{part.fault.id}]" for cause, part in zip(causes, entry.candidates, strict=True)]
+    yield "{number:>3}. ", join_causes(named)
     if entry.proof:
         yield "     seen:     ", _describe_rows(entry.proof)
         yield "     follows:  ", _count_checks(row.check for row in entry.rows)
@@ -133,9 +138,15 @@ def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
             yield "     followed: ", end.words
     yield "     since:    ", entry.since
     yield "     behind:   ", _name_unexamined(entry)
-    if entry.rivals:
-        yield "     decide:   ", "; ".join(dict.fromkeys(part.decide() for part in entry.candidates))
-    yield "     look:     " if entry.sure == INFERRED else "     do:       ", entry.remedy()
+    yield from _list_advices("do:", entry.do)
+    yield from _list_advices("look:", entry.look)
+
+
+def _list_advices(word: str, advices: Advices) -> Iterator[tuple[str, str]]:
+    """Yield a line for each advice, and one for its effect: a command can be pasted as it is."""
+    lines = [line for one in advices for line in (one.order, f"({one.effect})" if one.effect else "") if line]
+    for number, line in enumerate(lines):
+        yield f"     {'' if number else word:<10}", line
 
 
 def _example(rows: Sequence[Row]) -> str:

@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from ..._base import advice
+from ..._faults.fault import Advice, Advices
 from ..checks.engine import Verification
 from ..components.parts import Part
 from ..observe.second_look import SecondLook, SeenPackets
@@ -50,6 +52,15 @@ class SeenEnd:
         """The trip of its packets."""
         probe = self.place.probe
         return Trip(probe.traffic, probe.sender, probe.target)
+
+    @property
+    def look(self) -> Advices:
+        """Advise to look at the route of its packets at the place, and at the rules that they meet there."""
+        last = self.place.last
+        address = last.destination if last and self.place.answer else self.place.probe.address
+        command = advice.command("ip route get {}; nft -a list ruleset", ("address", address))
+        effect = "the route of these packets, and the rules that they meet"
+        return (Advice(self.place.at, command, effect),) if command and self.place.at else ()
 
     def crosses(self, computers: Iterable[str]) -> bool:
         """Return True if a way by these computers leads through the place, and by the part that it shows."""

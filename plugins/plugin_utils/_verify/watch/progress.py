@@ -15,6 +15,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 
+from ..._faults.fault import Fault
+from ..._faults.foreseen import LOSSES, SUMMARIES, WATCHED
+
 UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86400}
 LEAST, MOST = 10, 7 * 86400  # seconds
 # A round is the time between two progress lines.
@@ -25,27 +28,7 @@ MOST_EVENTS = 500  # that a computer lists, as module_utils/_probe/watch/watch.p
 LINES = 6  # events in the progress line of one round; the result has all
 
 GROUP, MASTER = "group", "master"
-# Kind -> the sentence of a loss. The kinds that are nearest to the reason stand first.
-SENTENCES = {
-    "computer": "{observer} does not answer: {found}",
-    "readings": "{observer} cannot look at its own parts: {found}",
-    "link": "the link {name} of {observer} is {found}, and was {expected}",
-    "address": "the address {name} of {observer} is {found}, and was on {expected}",
-    "service": "{name} on {observer}: {found}",
-    "route": "the route of {observer} to {name} is {found}, and was {expected}",
-    "setting": "{name} on {observer} is {found}, and was {expected}",
-    "hosts": "{name} on {observer} was changed",
-    "clock": "the clock of {observer} was {found}",
-    "membership": "no program on {observer} is a member of the group on {name}",
-    "port": "{observer} cannot connect to the discovery node of {name}: {found}",
-    MASTER: "{observer} hears no heartbeat of {name}",
-    GROUP: "{observer} hears no heartbeat of {name} on the group",
-}
-RANKS = {kind: rank for rank, kind in enumerate(SENTENCES)}
-SNOOPING = (
-    "{observers} computers hear no heartbeat on the group any more, and the rest still works: the network does not pass the "
-    "group on. A switch with IGMP snooping and without a querier forgets a group after about 260 s."
-)
+RANKS = {kind: rank for rank, (_watched, kind) in enumerate(LOSSES)}  # nearest to the reason first
 
 
 class Unreadable(ValueError):
@@ -127,8 +110,13 @@ def describe_event(observer: str, event: Event) -> str:
 
 
 def _fill(observer: str, event: Event) -> str:
-    template = SENTENCES.get(event.kind, "{name} on {observer} is {found}")
-    return template.format(observer=observer, name=event.name, found=event.found, expected=event.expected)
+    row = find_loss(event.kind)
+    return row.sentence.format(place=observer, what=event.name, found=event.found, expected=event.expected)
+
+
+def find_loss(kind: str) -> Fault:
+    """Find the row of the table of faults for a kind of events."""
+    return LOSSES.get((WATCHED, kind), SUMMARIES[WATCHED, "value"])
 
 
 def describe_first_loss(events: Sequence[tuple[str, Event]]) -> str:
@@ -146,9 +134,10 @@ def describe_first_loss(events: Sequence[tuple[str, Event]]) -> str:
     kinds = {event.kind for _observer, event in together}
     masters = {event.name for _observer, event in together}
     if GROUP in kinds and kinds <= {GROUP, MASTER} and len(observers) > 1 and len(masters) > 1:
-        return f"{when}: {SNOOPING.format(observers=len(observers))}"
+        row = SUMMARIES[WATCHED, "snooping"]
+        return f"{when}: {row.sentence.format(what=len(observers))} [{row.id}]"
     observer, event = min(together, key=lambda entry: RANKS.get(entry[1].kind, len(RANKS)))
-    return f"{when}: {_place(observer, event, together)}."
+    return f"{when}: {_place(observer, event, together)} [{find_loss(event.kind).id}]."
 
 
 def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -> str:

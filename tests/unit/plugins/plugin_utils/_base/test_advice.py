@@ -10,6 +10,7 @@ import shlex
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import advice
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import HANDS, INVENTORY
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,6 +27,7 @@ GOOD = {
     "drop-in": ["/run/systemd/system/multimaster-sync.service.d/a.conf"],
     "route": ["blackhole 1.2.3.0/24 table 7", "prohibit default"],
     "rule": ["priority 5 from all to 1.2.3.4 table 7", "priority 5 from all to 1.2.3.4 unreachable"],
+    "chain": ["inet filter input", "ip filter ufw-user-input"],
     "what": ["multimaster-sync.service", "http://robot1:11311/", "robot1", "net.ipv4.ip_forward"],
 }
 PARTS = (
@@ -89,12 +91,12 @@ def test_what_has_not_its_form_makes_no_command(value):
 @given(what=st.text(min_size=1) | hostile("what"))
 def test_a_remedy_holds_no_name_of_others_but_as_one_word(fault, what):
     good, part = Part(fault[0], "robot1", fault[1], "good"), Part(fault[0], "robot1", fault[1], what)
-    for words, told in ((good.remedy(), part.remedy()), (good.decide(), part.decide())):
-        if told.startswith("look at it there: "):
-            assert re.fullmatch(r'look at it there: ("[^"]*"|[^" ]+) fits into no command', told)
-        else:
-            assert told == re.sub(r"\bgood\b", lambda _found: what, words)
-            assert told == words or shlex.quote(what) == what and not what.startswith("-")
+    for one, told in zip((*good.do(), *good.look()), (*part.do(), *part.look()), strict=True):
+        if told.where == HANDS and one.where != HANDS:
+            assert re.fullmatch(r'look at it on robot1: ("[^"]*"|[^" ]+) fits into no command', told.text)
+        elif told.where not in (HANDS, INVENTORY):  # words may say anything: observations are quoted as they come in
+            assert told.text == re.sub(r"\bgood\b", lambda _found: what, one.text)
+            assert told == one or shlex.quote(what) == what and not what.startswith("-")
 
 
 #: a program that people are told to run, with what follows it
@@ -106,7 +108,7 @@ PROGRAM = re.compile(
 #: file -> why it may put values into a text that begins as a command
 OTHERS = {
     "_base/advice.py": "it is the one",
-    "_verify/components/parts.py": "texts of ours, filled by Part._advice, which asks it",
+    "_faults/fault.py": "texts of ours, filled by Advice.fill, which asks it",
     "_verify/diagnose/commands.py": "the place is planned, and each command is one of advice.command",
     "_verify/diagnose/node_remedies.py": "variables of ours; the unit is put in by advice.command",
     "_plan/preflight.py": "before and after a command of ours; the one with an interface is of advice.command",

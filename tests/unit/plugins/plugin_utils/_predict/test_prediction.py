@@ -10,6 +10,7 @@ from dataclasses import replace
 from random import Random
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.foreseen import PREDICTIONS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory, read_fleet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network import packets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
@@ -87,8 +88,8 @@ def test_the_table_shows_now_and_after():
         "PREDICTION for 5 computers, after site.yml",
         "  ping                         20        8       12        4        -        -",
         "   1  tibi-nav       -    ok  part  ok +  ok +",
-        "  1. a packet filter on dabo-nav drops ping",
-        "     remedy: let them pass between the robots' networks; see on dabo-nav: nft list ruleset",
+        "  1. a packet filter on dabo-nav drops ping [RF-709]",
+        "     look:   on dabo-nav: nft -a list ruleset",
         "Not looked at, and taken as planned: kobuki.",
     ):
         assert line in text.splitlines() or line in text, text
@@ -99,7 +100,7 @@ def test_the_table_shows_now_and_after():
 
 def test_every_end_has_a_sentence():
     ends = {value for name, value in vars(packets).items() if name.isupper() and isinstance(value, str)}
-    assert set(prediction.SENTENCES) == ends - {
+    assert {outcome for _predicted, outcome in PREDICTIONS} == ends - {
         packets.DELIVERED,
         "accept",
         "drop",

@@ -400,7 +400,8 @@ def test_a_node_with_a_wrong_host_is_the_one_finding(host):
     (finding,) = diagnosed(_announces(host)).findings
     sentence = finding.sentence()
     assert f"on {TWO} /kobuki2/base announces {host} by ROS_IP, in session-4.scope (refused by kobuki1)" in sentence
-    assert f"in the shell on {TWO} that has started /kobuki2/base (session-4.scope): unset ROS_IP; " in finding.remedy()
+    (shell,) = finding.do
+    assert shell.where == TWO and shell.text.startswith("unset ROS_IP; ") and "session-4.scope" in shell.effect
 
 
 def _silent(node="/kobuki2/base", outcome=Outcome.NO_ANSWER, tcp_outcome=Outcome.OPEN, host=TWO):
@@ -427,7 +428,8 @@ def test_a_process_with_a_roscore_of_no_robot_is_told():
     (finding,) = diagnosed(lambda seen: update(seen[TWO].probe, node_hosts=[process])).findings
     assert finding.part[:3] == ("node", TWO, "master") and finding.verdict == WARNING
     assert "odom uses the roscore http://old-pc:11311/ by ROS_MASTER_URI, in odom.service" in finding.sentence()
-    assert "systemctl restart odom.service" in finding.remedy() and "UnsetEnvironment" not in finding.remedy()
+    (command,) = [one.text for one in finding.do]
+    assert "systemctl restart odom.service" in command and "UnsetEnvironment" not in command
 
 
 def test_a_node_at_the_roscore_of_another_robot_is_a_warning():

@@ -3,6 +3,7 @@
 
 """Computers that the collection did not set up: what is told of them, and what is not judged."""
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import CONTROLLER
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FOLLOWS
@@ -36,14 +37,14 @@ def test_nodes_started_by_hand_are_named_before_site_yml():
         assert found[check, ONE, ONE].found == "the collection has not set this computer up"
     told = diagnosed(_found(set_up=False, runs=(HELD,)))
     assert parts(told) == [("set_up", ONE, "others")]
-    assert "stop them on kobuki1computer" in told.findings[0].remedy()
+    assert told.findings[0].do[-1].where == CONTROLLER
 
 
 def test_a_new_idle_computer_is_one_finding():
     found = notable(evaluate(_found(set_up=False)))
     assert found["services", ONE, ONE].verdict == found["set_up", ONE, ONE].verdict == FAILED
     told = diagnosed(_found(set_up=False))
-    assert parts(told) == [("set_up", ONE, "never")] and told.findings[0].remedy() == "run site.yml"
+    assert parts(told) == [("set_up", ONE, "never")] and [one.where for one in told.findings[0].do] == [CONTROLLER]
 
 
 def test_a_computer_of_the_collection_is_judged_at_any_ports():
@@ -85,7 +86,7 @@ def test_an_interface_in_the_network_of_another_robot_is_a_warning_of_its_own():
     what = "br0 has 192.168.10.1/24, in the network of dabo (192.168.10.0/24)"
     told = diagnosed(lambda seen: update(seen[ONE], found=MachineState(overlaps=(what,))))
     assert parts(told) == [("interface", ONE, "overlap")]
-    assert what in told.findings[0].sentence() and "daemon.json" in told.findings[0].remedy()
+    assert what in told.findings[0].sentence() and "daemon.json" in told.findings[0].do[0].text
 
 
 def test_a_route_that_an_overlap_turns_away_follows_from_it():

@@ -99,10 +99,10 @@ def test_of_two_clocks_the_one_that_nothing_keeps_right_is_off():
 
 def test_a_unit_with_many_files_is_told_with_its_command():
     (found,) = diagnosed(_limit("robot.service")).findings
-    assert found.command.startswith("on kobuki1computer: mkdir -p /etc/systemd/system/robot.service.d; ")
-    assert found.command.endswith("systemctl restart robot.service")
+    assert found.commands[0].text.startswith("mkdir -p /etc/systemd/system/robot.service.d; ")
+    assert found.commands[0].text.endswith("systemctl restart robot.service")
     (strange,) = diagnosed(_limit("../x.service")).findings
-    assert not strange.command
+    assert not strange.commands
 
 
 def _simulate(seen, *computers, clock=("/gazebo",)):

@@ -6,18 +6,15 @@
 import re
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import (
-    ALWAYS,
-    FAULTS,
-    FOLLOWS,
-    Part,
-)
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import ALWAYS, write_advices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, FOLLOWS, Part
 
+UNFILLED = re.compile(r"\{(place|what|inventory|limit)\}")
 #: words of commands and of advice that change something or start it again
 CHANGING = re.compile(
     r"site\.yml(?! --check)|restart|kill|cleanup|delete|chmod|sed -i|modprobe|rotate|--set\b|"
     r"\b(sysctl -w|ip \S+ (add|del|set|flush|replace)|set (dev|power_save)|nft (add|delete|flush))\b|"
-    r"\b(give|set|switch|remove|correct|run|raise|allow|let|start|end|install|write|leave)\b"
+    r"(?<!/)\b(give|set|switch|remove|correct|run|raise|allow|let|start|end|install|write|leave)\b"
 )
 
 
@@ -26,15 +23,18 @@ def test_every_fault_is_told_in_whole_sentences(key):
     kind, mode = key
     for what in ("", "the network of dabo"):
         part = Part(kind, "tibi-nav", mode, what)
-        texts = part.sentence(), part.remedy(), part.decide()
-        assert all(text and "{" not in text and "  " not in text for text in texts), texts
+        texts = (
+            part.sentence(),
+            *(text for one in (*part.do(), *part.look()) for text in (one.text, one.effect or "none")),
+        )
+        assert all(text and not UNFILLED.search(text) and "  " not in text for text in texts), texts
         assert part.place in part.sentence() and not part.sentence().endswith(".")
 
 
 @pytest.mark.parametrize("key", [key for key, fault in FAULTS.items() if fault.read != ALWAYS])
 def test_what_may_be_inferred_is_told_with_a_look_alone(key):
     kind, mode = key
-    assert not CHANGING.search(Part(kind, "tibi-nav", mode).decide())
+    assert not CHANGING.search(write_advices(Part(kind, "tibi-nav", mode).look()))
 
 
 def test_what_follows_is_in_the_table():

@@ -6,10 +6,14 @@
 from dataclasses import replace
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import INVENTORY, write_advices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import COMMANDS, command
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import (
+    COMMANDS,
+    make_commands,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,
     DefaultRoute,
@@ -28,7 +32,9 @@ def told(change, kind, mode, *whats):
     seen = observed(fleet)
     change(seen[NAME].probe)
     run = Verification(CHECKS, fleet, seen)
-    return command([Part(kind, NAME, mode, what) for what in whats or ("",)], run.run[NAME], run.state)
+    return write_advices(
+        make_commands([Part(kind, NAME, mode, what) for what in whats or ("",)], run.run[NAME], run.state)
+    )
 
 
 def routes(*found):
@@ -59,13 +65,13 @@ def interface(**values):
         (
             interface(state="down"),
             ("link", "down", NETWORK),
-            "ip link set dev eth0 up; then run site.yml, which sets its routes",
+            "ip link set dev eth0 up",
         ),
         (interface(addresses=(), prefixes=()), ("link", "down", NETWORK), ""),
         (
             interface(prefixes=(16,)),
             ("interface", "prefix", ""),
-            f"ip address add {OWN}/24 dev eth0; ip address del {OWN}/16 dev eth0; then run site.yml, which sets its routes",
+            f"ip address add {OWN}/24 dev eth0; ip address del {OWN}/16 dev eth0",
         ),
         (
             routes(PLANNED, DefaultRoute("eth0", gateway=DHCP, metric="50")),
@@ -89,8 +95,7 @@ def interface(**values):
         (
             boots("/etc/sysctl.d/99-z.conf line 3"),  # as the machine tells it
             ("boot", "sysctl", "net.ipv4.ip_forward"),
-            "sed -i -E 's,^[[:space:]]*-?net[./]ipv4[./]ip_forward[[:space:]]*=,# &,' /etc/sysctl.d/99-z.conf; "
-            "then run site.yml, which sets it at boot",
+            "sed -i -E 's,^[[:space:]]*-?net[./]ipv4[./]ip_forward[[:space:]]*=,# &,' /etc/sysctl.d/99-z.conf",
         ),
         (boots("/etc/sysctl.d/99-z.conf"), ("boot", "sysctl", "net.ipv4.conf.all.rp_filter"), ""),
         (boots("/usr/lib/sysctl.d/50-z.conf"), ("boot", "sysctl", "net.ipv4.ip_forward"), ""),
@@ -114,7 +119,7 @@ def test_what_is_to_be_pasted(change, part, expected):
 def test_nothing_is_known_of_whom_nobody_looked_at():
     fleet = fig12()
     run = Verification(CHECKS, fleet, {})
-    assert command([Part("link", NAME, "down", NETWORK)], None, run.state) == ""
+    assert make_commands([Part("link", NAME, "down", NETWORK)], None, run.state) == ()
 
 
 def test_a_finding_has_its_command_first():
@@ -122,9 +127,9 @@ def test_a_finding_has_its_command_first():
         update(seen[NAME].probe, default_routes=(PLANNED, DefaultRoute("eth0", gateway=DHCP)))
 
     [found] = diagnosed(change, fig12()).findings
-    assert found.remedy().startswith(
-        f"on {NAME}: ip route del default via {DHCP} dev eth0 metric 0; if it does not last, "
-    )
+    command, lasting = found.do
+    assert (command.where, command.text) == (NAME, f"ip route del default via {DHCP} dev eth0 metric 0")
+    assert lasting.where == INVENTORY
 
 
 def test_each_row_is_of_a_fault():

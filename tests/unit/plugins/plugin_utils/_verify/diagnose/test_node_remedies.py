@@ -4,6 +4,7 @@
 """The remedy for a node depends on its starter: shell, unit, launch file or container."""
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import write_advices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
     NodeHost,
@@ -19,13 +20,13 @@ def _remedy(**process):
         update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/kobuki2/base", "127.0.0.1", 41233)])
 
     (finding,) = [entry for entry in diagnosed(change).findings if entry.part.kind == "node"]
-    return finding.remedy()
+    return write_advices(finding.do)
 
 
 @pytest.mark.parametrize(
     ("process", "words"),
     [
-        ({"starter": "shell"}, ["in the shell on", "(session-4.scope)", "unset ROS_IP; . /etc/profile.d/"]),
+        ({"starter": "shell"}, ["in the shell that", "(session-4.scope)", "unset ROS_IP; . /etc/profile.d/"]),
         (
             {"starter": "unit", "unit": "odom.service"},
             [f"on {TWO}: mkdir", "UnsetEnvironment=ROS_IP", "systemctl restart odom.service"],
@@ -37,7 +38,7 @@ def _remedy(**process):
             {"starter": "launch", "readable": False, "host": "", "source": "", "ports": ()},
             ["take ROS_HOSTNAME and ROS_IP out of the launch file", "which variable is wrong is unknown"],
         ),
-        ({}, ["in the shell, launch file, unit or container that has started it"]),
+        ({}, ["in the shell, launch file, unit or container on"]),
     ],
 )
 def test_the_remedy_is_for_what_has_started_the_node(process, words):
@@ -47,4 +48,4 @@ def test_the_remedy_is_for_what_has_started_the_node(process, words):
 
 @pytest.mark.parametrize("unit", ["x;reboot.service", "$(reboot).service"])
 def test_no_command_is_made_of_a_strange_unit(unit):
-    assert "reboot" not in _remedy(starter="unit", unit=unit).partition("; then start it again")[0]
+    assert "reboot" not in _remedy(starter="unit", unit=unit)

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 
 import fleets
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import PAGES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, Row
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
@@ -44,7 +45,8 @@ def test_what_is_wrong_is_told_and_every_link_leads_somewhere():
     report = make_report(fleets.fig12(), fleets.wall, since="2026-11-21 14:02", differences=["tibi-nav is new"])
     page = Tags(report.html)
     entry = report.document["findings"][0]
-    assert entry["sentence"] in page.text and entry["remedy"] in page.text and entry["decide"] in page.text
+    assert entry["sentence"] in page.text and entry["id"] in page.text
+    assert all(one["text"] in page.text for one in (*entry["do"], *entry["look"]))
     assert (
         "Something is wrong." in page.text and "Since 2026-11-21 14:02" in page.text and "tibi-nav is new" in page.text
     )
@@ -61,7 +63,7 @@ def test_all_is_well():
 def test_nothing_is_asked_for():
     page = Tags(make_report(fleets.fig12(), fleets.wall).html)
     assert not [tag for tag, _attributes in page.tags if tag in ("script", "iframe", "object", "form", "base")]
-    assert not page.values("src") and all(link.startswith(("#", "data:,")) for link in page.values("href"))
+    assert not page.values("src") and all(link.startswith(("#", "data:,", PAGES)) for link in page.values("href"))
     assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:" in page.values("content")
 
 

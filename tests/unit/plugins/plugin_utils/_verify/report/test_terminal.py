@@ -59,30 +59,38 @@ VERIFICATION of 2 computers
    2  kobuki2computer  FAIL 2      ok
 
 Findings:
-  1. /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
+  1. /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface [RF-202]
      seen:     name means the planned address: kobuki1computer -> kobuki2computer: expected 192.168.1.239, found
                127.0.1.1
      follows:  ping by name (1)
      since:    /etc/hosts was changed 2026-11-22 09:12:44 UTC
-     do:       run site.yml, which also keeps cloud-init from writing the line again at boot
-  2. /etc/hosts on kobuki2computer binds kobuki1computer to the loopback interface
+     do:       on the controller: ansible-playbook -i INVENTORY rosfleet.multimaster.site --limit kobuki1computer
+               (writes /etc/hosts, and keeps cloud-init from writing the line again at boot)
+     look:     on kobuki1computer: getent ahostsv4 kobuki2computer; grep -n kobuki2computer /etc/hosts
+  2. /etc/hosts on kobuki2computer binds kobuki1computer to the loopback interface [RF-202]
      seen:     name means the planned address: kobuki2computer -> kobuki1computer: expected 192.168.1.229, found
                127.0.1.1
-     do:       run site.yml, which also keeps cloud-init from writing the line again at boot
+     do:       on the controller: ansible-playbook -i INVENTORY rosfleet.multimaster.site --limit kobuki2computer
+               (writes /etc/hosts, and keeps cloud-init from writing the line again at boot)
+     look:     on kobuki2computer: getent ahostsv4 kobuki1computer; grep -n kobuki1computer /etc/hosts
 
 Warnings:
-  3. one of these: the clock of kobuki1computer is wrong; or the clock of kobuki2computer is wrong
+  3. one of these: the clock of kobuki1computer is wrong [RF-601]; or the clock of kobuki2computer is wrong [RF-601]
      for it:   clocks agree (1) fail; such as kobuki1computer -> kobuki2computer: +0.2000 s
      besides:  in the same pairs these succeed: name means the planned address (1), ping by name (1)
-     decide:   on kobuki1computer: chronyc tracking; date --utc +%T.%N; on kobuki2computer: chronyc tracking; date --utc
-               +%T.%N
-     look:     on kobuki1computer: chronyc tracking; date --utc +%T.%N
+     look:     on kobuki1computer: chronyc tracking; chronyc -n sources; date --utc +%T.%N
+               on kobuki2computer: chronyc tracking; chronyc -n sources; date --utc +%T.%N
 
 Not judged:
-  4. kobuki1 leaves out what the others need: the test topic
+  4. kobuki1 leaves out what the others need: the test topic [RF-443]
      seen:     subscriber hears the other's talker: kobuki1computer -> kobuki2computer: expected a message, found left
                out by multimaster_filters
-     do:       correct multimaster_exports or multimaster_filters of the robot, and run site.yml
+     do:       in the inventory: multimaster_exports of kobuki1 has it, and multimaster_filters does not leave it out
+               on the controller: ansible-playbook -i INVENTORY rosfleet.multimaster.site --limit kobuki1
+     look:     on the master of kobuki1: rosparam get /master_discovery; rosparam get /master_sync
+
+What an id such as RF-202 means:
+  https://github.com/rosfleet/multimaster/blob/main/docs/findings
 
 Not explained (lost packets, or something that comes and goes: run it again):
    -  port of the discovery node opens: kobuki2computer -> kobuki1computer: expected TCP port 11611 of 192.168.1.229

@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The form of a row in the table of faults, of an advice, and what an optional feature adds to that table. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from .._base import advice
+from .._base.plain_text import quote
+
+READ, ALWAYS = "where it was looked at", "always"
+CONTROLLER, INVENTORY = "the controller", "the inventory"  # places of an advice beside computers
+HANDS = ""  # no command does it
+UNKNOWN_INVENTORY = "INVENTORY"  # in a command where the run does not know it
+PAGES = "https://github.com/rosfleet/multimaster/blob/main/docs/findings"
+
+
+class Advice(NamedTuple):
+    """What a person does, or looks at: a command for a place, a change of the inventory, or words.
+
+    Texts of a row have {place}, {what}, {inventory} and {limit}.
+    """
+
+    where: str  # a computer, CONTROLLER, INVENTORY or HANDS
+    text: str
+    effect: str = ""  # what it does; it is no part of the command
+
+    def fill(self, what: str, **words: str) -> Advice:
+        """Fill in names; words instead of a command where `what` may be anything."""
+        is_command = self.where not in (HANDS, INVENTORY)
+        if what and is_command and "{what}" in self.text and not advice.format_value("what", what):
+            place = words.get("place", "")
+            return Advice(HANDS, f"look at it on {place}: {quote(what)} fits into no command")
+        return Advice(*(text.format(what=what, **words) for text in self))
+
+    @property
+    def order(self) -> str:
+        """The advice without its effect."""
+        begin = {HANDS: "", INVENTORY: "in the inventory: "}.get(self.where, f"on {self.where}: ")
+        return f"{begin}{self.text}"
+
+    @property
+    def sentence(self) -> str:
+        """The advice as one text."""
+        return f"{self.order} ({self.effect})" if self.effect else self.order
+
+
+Advices = tuple[Advice, ...]
+
+
+def on(command: str, effect: str = "") -> Advice:
+    """Advise a command on the computer of the fault."""
+    return Advice("{place}", command, effect)
+
+
+def controller(command: str, effect: str = "") -> Advice:
+    """Advise a command on the controller."""
+    return Advice(CONTROLLER, command, effect)
+
+
+def change(text: str, effect: str = "") -> Advice:
+    """Advise a change of the inventory."""
+    return Advice(INVENTORY, text, effect)
+
+
+def hand(text: str) -> Advice:
+    """Advise what no command does."""
+    return Advice(HANDS, text)
+
+
+def site(effect: str = "", *options: str) -> Advice:
+    """Advise a run of site.yml on the computer of the fault."""
+    more = "".join(f" {option}" for option in options)
+    return controller(f"ansible-playbook -i {{inventory}} rosfleet.multimaster.site{{limit}}{more}", effect)
+
+
+class Fault(NamedTuple):
+    """How a part of a kind may be broken: its id, a sentence, what to do, and what to look at if that does not help.
+
+    `do` is for a fault that was seen. An inferred one has `look` alone, so nothing in `look` changes anything.
+    `cost` says how rare it is, and `why` says why: of two parts that explain the same, the cheaper one is named.
+    A `hard` fault lets nothing pass, so a success that needs the part clears it. Of other faults a success says little.
+    A fault that is `read` is not concluded, since a value on the machine shows it: READ is for places with an observation.
+    """
+
+    id: str
+    sentence: str
+    do: Advices = ()
+    look: Advices = ()
+    cost: float = 3.0
+    why: str = ""
+    hard: bool = True
+    read: str = ""
+    what: str = ""  # stands for a part's `what` where it has none
+
+    @property
+    def example(self) -> str:
+        """The placeholder for `what` in a command."""
+        return f"<{self.what}>" if " " in self.what else self.what
+
+    @property
+    def page(self) -> str:
+        """The address of its page."""
+        return f"{PAGES}/{self.id[3]}xx.md#{self.id.lower()}"
+
+    def fill(self, advices: Advices, places: tuple[str, ...], what: str, inventory: str = "") -> Advices:
+        """Fill the names of a part into an advice. A network is no host, so nothing is limited to it."""
+        limit = "" if any(" " in place for place in places) else f" --limit {','.join(places)}"
+        words = {"place": " and ".join(places), "inventory": inventory or UNKNOWN_INVENTORY, "limit": limit}
+        return tuple(
+            (one if what else one._replace(text=one.text.replace("{what}", self.example))).fill(what, **words)
+            for one in advices
+        )
+
+
+def write_advices(advices: Advices) -> str:
+    """Write advices as one text."""
+    return "; ".join(one.sentence for one in advices)
+
+
+def list_advices(advices: Advices) -> list[dict[str, str]]:
+    """List advices as plain data."""
+    return [one._asdict() for one in advices]
+
+
+def read_advices(entries: list[dict[str, Any]]) -> Advices:
+    """Read advices from plain data."""
+    return tuple(Advice(*(str(entry.get(name, "")) for name in Advice._fields)) for entry in entries)
+
+
+Key = tuple[str, str]  # kind, mode
+
+
+@dataclass(frozen=True)
+class ComponentHooks:
+    """The rows of a feature: (kind, mode) -> its fault, and other faults that it may be the cause of, at the same place."""
+
+    faults: Mapping[Key, Fault]
+    #: fault, also one of the core -> faults of the feature that it may follow from
+    causes: Mapping[Key, tuple[Key, ...]] = field(default_factory=dict)
+    #: kind -> what it means for a fleet that a part of it is broken
+    kinds: Mapping[str, str] = field(default_factory=dict)

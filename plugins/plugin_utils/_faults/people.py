@@ -1,0 +1,239 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Faults of people's nodes, shells and topics, of registrations, of strangers. Ids RF-5xx."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from .fault import ALWAYS, READ, Advice, Advices, Fault, Key, change, hand, on, site
+from .filters import MAKERS, RULES
+
+START_AGAIN = hand(
+    "in the shell, launch file, unit or container on {place} that has started it: unset ROS_IP ROS_HOSTNAME; "
+    ". /etc/profile.d/rosfleet-multimaster.sh; then start it again"
+)
+NODE_HOSTS = on("env | grep ^ROS; rosnode list | xargs -n 1 rosnode info 2>/dev/null | grep -E '^Node|URI'")
+MASTERS = "the masters of {place}"
+HUNG_DO = on("kill -CONT <pid>", "lets a stopped process go on: its state in the look has a T; end one that hangs")
+HUNG_LOOK = on("ps -eo pid,stat,args | grep -vE ' (S|I)[<sl+]* '")
+
+
+def _node(number: int, sentence: str, what: str, *do: Advice, look: Advices = (NODE_HOSTS,)) -> Fault:
+    return Fault(
+        f"RF-51{number}",
+        sentence,
+        do=do or (START_AGAIN,),
+        look=look,
+        what=what,
+        read=ALWAYS,
+        why="what the node announces was read",
+    )
+
+
+MASTER_LOOK = (on("echo $ROS_MASTER_URI; cat /etc/rosfleet-multimaster/environment"),)
+NODES: Mapping[Key, Fault] = {
+    ("environment", "shell"): Fault(
+        "RF-501",
+        "nodes started on {place} have another environment than planned: {what}",
+        do=(
+            site("writes the profile of shells"),
+            on(
+                "sed -i -E 's/^[[:space:]]*(export )?ROS_(HOSTNAME|IP|MASTER_URI)=/# &/' ~/.bashrc ~/.profile",
+                "as the user who starts nodes",
+            ),
+        ),
+        look=(on("bash -lic env 2>/dev/null | grep ^ROS; grep -n ROS_ ~/.bashrc ~/.profile /etc/profile.d/*"),),
+        cost=2.0,
+        what="ROS_HOSTNAME or ROS_IP",
+        read=READ,
+        why="tutorials tell people to write them into ~/.bashrc",
+    ),
+    ("node", "loopback"): _node(
+        1, "on {place} {what}, where no other computer reaches it", "a node announces 127.0.0.1"
+    ),
+    ("node", "address"): _node(
+        2,
+        "on {place} {what}, which is no address of its robot: an old one, or that of another computer; so other robots do not take it",
+        "a node announces another address",
+        START_AGAIN,
+        change("the address of a laptop belongs into multimaster_allow; run site.yml then"),
+    ),
+    ("node", "interface"): _node(
+        3,
+        "on {place} {what}, where other robots do not reach it, so they do not take it",
+        "a node announces the address of another interface",
+    ),
+    ("node", "name"): _node(
+        4,
+        "on {place} {what}, which is no planned name of its robot, so other robots do not take it",
+        "a node announces another name",
+    ),
+    ("node", "services"): _node(
+        5, "on {place} {what}, so its services are looked for on another computer", "a node announces two computers"
+    ),
+    ("node", "robot"): _node(
+        6,
+        "on {place} {what}, so the nodes of its own robot do not know it",
+        "a node uses the roscore of another robot",
+        look=MASTER_LOOK,
+    ),
+    ("node", "master"): _node(
+        7,
+        "on {place} {what}, which is not the roscore of its robot, so its robot does not know it",
+        "a node uses another roscore",
+        look=MASTER_LOOK,
+    ),
+    ("node", "hung"): _node(
+        8,
+        "on {place} {what} takes connections and does not answer: it hangs, or a signal or a debugger has stopped it",
+        "a node",
+        HUNG_DO,
+        look=(HUNG_LOOK,),
+    ),
+}
+
+REGISTRATIONS: Mapping[Key, Fault] = {
+    ("registration", "ghost"): Fault(
+        "RF-521",
+        "the roscore of {place} holds nodes that do not answer: {what}; they ended without saying so, as by kill -9",
+        do=(on("yes | rosnode cleanup", "takes out those that do not answer; end a node that hangs first"),),
+        look=(on("rosnode ping --all"),),
+        what="see rosnode ping --all",
+        why="other failures look so, too",
+    ),
+    ("registration", "twin"): Fault(
+        "RF-522",
+        "one name, two nodes on {place}: {what}; a roscore holds one of them",
+        do=(
+            hand("give one of them another name: __name:=... or a namespace of its robot, in its launch file"),
+            change("or leave it out by multimaster_exports or multimaster_filters, and run site.yml"),
+        ),
+        look=(Advice(MASTERS, "rosnode list"),),
+        what="see rosnode list",
+        why="both roscores were compared",
+    ),
+    ("registration", "talker"): Fault(
+        "RF-523",
+        "the talker of the verification on {place} does not run, or has not registered: {what}",
+        do=(hand("verify again; with many computers with -e verify_lifetime=120"),),
+        look=(on("journalctl -n 50 -u multimaster-verify-talker"),),
+        cost=3.5,
+        why="it is started for this run alone",
+        what="rostopic pub fails there",
+    ),
+    ("registration", "listener"): Fault(
+        "RF-524",
+        "the subscriber of the verification on {place} gave no result: {what}",
+        do=(hand("verify again; with many computers with -e verify_patience=60"),),
+        look=(on("timeout 5 rostopic echo -n 1 /rosout"),),
+        cost=3.5,
+        why="it is started for this run alone",
+        what="rospy fails there",
+    ),
+    ("registration", "untold"): Fault(
+        "RF-525",
+        "nodes on {place} are not told of new publishers: its roscore has them, and does not reach the nodes there",
+        do=(hand("let the computer of the roscore know the name {place}, and reach TCP ports above 1024 there"),),
+        look=(Advice("the computer of its roscore", "getent ahostsv4 {place}; ping -c 1 {place}"), RULES),
+        read=ALWAYS,
+        why="the roscore was asked, and then the nodes",
+    ),
+    ("registration", "closed"): Fault(
+        "RF-526",
+        "a node on {place} says where its topic is to be had, and no connection to that port opens",
+        do=(
+            hand(
+                f"accept TCP ports 1024 to 65535 from the robots' networks on {{place}}, {MAKERS}: nodes have any of them"
+            ),
+        ),
+        look=(RULES,),
+        read=ALWAYS,
+        why="the connection was tried",
+    ),
+    ("registration", "mute"): Fault(
+        "RF-527",
+        "a node on {place} takes connections and says nothing: {what}; it hangs, or a signal or a debugger has stopped it",
+        do=(HUNG_DO,),
+        look=(HUNG_LOOK,),
+        what="a node",
+        read=ALWAYS,
+        why="the connection was tried",
+    ),
+    ("registration", "link"): Fault(
+        "RF-528",
+        "nodes on {place} are connected though nothing is exchanged between them: {what}",
+        do=(hand("start these nodes again"),),
+        look=(Advice(MASTERS, "rosnode info <node>"),),
+        what="see rosnode info",
+        why="the kernel's connections were compared with the plan",
+    ),
+    ("topic", "shared"): Fault(
+        "RF-531",
+        "nodes of {place} publish the same topics, and who hears the one hears the other, too: {what}",
+        do=(
+            hand("give one of the two nodes a namespace of its robot: <group ns=...> in its launch file, or __ns:=..."),
+            change(
+                "or leave the topic out by multimaster_exports or multimaster_filters; if it is meant, its whole name is in the multimaster_exports of both"
+            ),
+        ),
+        look=(Advice(MASTERS, "rostopic info <topic>"),),
+        what="see rostopic info",
+        why="both roscores were compared",
+    ),
+    ("topic", "circle"): Fault(
+        "RF-532",
+        "ros1_bridge runs on {place}, and messages go round in a circle by both bridges: {what}",
+        do=(
+            hand("run one bridge for both robots, or give the bridged topics a namespace of each robot"),
+            change("or leave them out by multimaster_exports or multimaster_filters, and run site.yml"),
+        ),
+        look=(Advice(MASTERS, "rosnode info <bridge>"),),
+        what="see rosnode info",
+        why="both bridges were seen",
+    ),
+    ("time", "simulated"): Fault(
+        "RF-551",
+        "the nodes of {place} have simulated time, and those of other robots do not: {what}; so each takes the messages and tf of the other for "
+        "very old or from the future",
+        do=(
+            Advice(
+                "the masters of all robots",
+                "rosparam set /use_sim_time false",
+                "or true on all of them, before their nodes start",
+            ),
+            change(
+                "or multimaster_exports or multimaster_filters leave out /clock and what the simulation publishes; run site.yml then"
+            ),
+        ),
+        look=(on("rosparam get /use_sim_time; rostopic info /clock"),),
+        what="see /use_sim_time",
+        read=ALWAYS,
+        why="the parameters of all roscores were compared",
+    ),
+    ("time", "stopped"): Fault(
+        "RF-552",
+        "the nodes of {place} wait for a simulated time that does not come: /use_sim_time is true, and nobody publishes /clock",
+        do=(
+            hand("start the simulation, or rosbag play --clock"),
+            on("rosparam set /use_sim_time false", "without a simulation; then start the nodes again"),
+        ),
+        look=(on("rosparam get /use_sim_time; rostopic info /clock"),),
+        read=ALWAYS,
+        why="the parameter and the publishers were read",
+    ),
+    ("stranger", "present"): Fault(
+        "RF-541",
+        "{what} at {place} is no computer of the inventory, and uses the group and port of this fleet",
+        do=(
+            change(
+                "{place} is in multimaster_allow, or a computer of the inventory, if it is one of yours; run site.yml then"
+            ),
+            change("or another multimaster_multicast_group or multimaster_multicast_port for this fleet"),
+        ),
+        look=(Advice("a computer of the fleet", "ip neighbour show {place}"),),
+        what="somebody",
+        why="its datagrams were heard",
+    ),
+}
