@@ -5,6 +5,8 @@
 
     python tests/faults/fuzz.py --number 200 --seed 1 [--labs 2] [--record FOLDER]
     python tests/faults/fuzz.py --seed 3 --only 1 2 4
+    python tests/faults/fuzz.py --seed 3 --kind person --number 5
+    python tests/faults/fuzz.py --seed 3 --pairs --number 5
 
 The oracle is where a fault was made: the computer that is named first, and its part or the hop where packets end. What breaks nothing
 by the lab's own test is drawn again. The last lines are a table of the kinds.
@@ -17,7 +19,7 @@ import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from itertools import islice
@@ -28,7 +30,7 @@ from typing import NamedTuple
 from run import INVENTORY, WORK, Catalogue, LabError, Result, lab_of  # first: it finds the other files
 
 from catalogue import Fault, facts_of  # isort: skip
-from grammar import KINDS, MASTERS, PORTS, ROBOT, draw_faults  # isort: skip
+from grammar import KINDS, MASTERS, PORTS, ROBOT, draw_faults, draw_pairs, join_faults  # isort: skip
 from harm import Fleet, find_harm  # isort: skip
 from judge import UNMADE, Named, is_at  # isort: skip
 from machines.layout import read_inventory  # isort: skip
@@ -43,6 +45,8 @@ LOOKS = 2  # in which something is broken
 PATIENCE = 8  # seconds, as verify_patience: the lab's own looks have taken as long already
 # The limits: shares of all faults
 LEAST_COMPUTER, LEAST_PART, MOST_OTHER = 0.95, 0.85, 0.03
+LEAST_BOTH = 0.85  # of two faults at once
+ALWAYS = ("signal", "person")  # kinds of faults that break something, also where the lab's own look does not ask for it
 
 
 class Graded(NamedTuple):
@@ -64,17 +68,40 @@ def grade(fault: Fault, found: Named) -> str:
     return PART if found.part[0] in kinds else COMPUTER
 
 
+def grade_pair(pair: tuple[Fault, Fault], found: Named) -> str:
+    """Compare the first few findings with two faults: both are to be named, each where it was made."""
+    named = [
+        any(
+            is_at(place, fault.at) and kind in {part for part, _mode in fault.parts} | {HOP}
+            for kind, _mode, place in found.first
+        )
+        for fault in pair
+    ]
+    return PART if all(named) else OTHER if any(named) or found.findings else NOTHING
+
+
 class Hunt:
     """Faults of a seed, tried in labs side by side until so many have broken something: most of the time passes with waiting."""
 
-    def __init__(self, number: int, seed: int, record: Path | None, only: Sequence[int] = ()) -> None:
-        """`only`: the draws of the seed that are tried, by their numbers; all where there is none."""
+    def __init__(
+        self,
+        number: int,
+        seed: int,
+        record: Path | None,
+        only: Sequence[int] = (),
+        kind: str = "",
+        pairs: bool = False,
+    ) -> None:
+        """`only`: the draws of the seed that are tried, by their numbers; all where there is none. `kind`: only such; `pairs`: two at once."""
         self.number, self.record = number, record
         self.graded: list[Graded] = []
         self._lock = Lock()
         listing = read_inventory(INVENTORY)
         facts = facts_of(listing, {})
-        draws = islice(draw_faults(seed, facts), max(MOST_DRAWS * number, *only, 0))
+        self._pairs: dict[str, tuple[Fault, Fault]] = {}
+        drawn = self._join(draw_pairs(seed, facts)) if pairs else draw_faults(seed, facts)
+        fitting = (fault for fault in drawn if fault.name.startswith(kind))
+        draws = islice(fitting, max(MOST_DRAWS * number, *only, 0))
         self._draws = (fault for place, fault in enumerate(draws, 1) if place in only or not only)
         self._fleet = Fleet(
             {host: (facts[host], list(PORTS) if host in MASTERS else []) for host in listing["_meta"]["hostvars"]},
@@ -83,6 +110,12 @@ class Hunt:
             facts["group"],
             int(facts["port"]),
         )
+
+    def _join(self, pairs: Iterator[tuple[Fault, Fault]]) -> Iterator[Fault]:
+        for pair in pairs:
+            joined = join_faults(pair)
+            self._pairs[joined.name] = pair
+            yield joined
 
     def run(self, labs: Sequence[str]) -> list[Graded]:
         """Try them in labs of these names. Raises LabError."""
@@ -113,7 +146,9 @@ class Hunt:
         if result is None or result.verdict == UNMADE:
             print(f"    {'could not be made' if result else 'breaks nothing'}: {fault.title}", flush=True)
             return
-        self.graded.append(Graded(fault, grade(fault, result.found), result.found.text, result.seconds))
+        pair = self._pairs.get(fault.name)
+        graded = grade_pair(pair, result.found) if pair else grade(fault, result.found)
+        self.graded.append(Graded(fault, graded, result.found.text, result.seconds))
         lines = [f"[{len(self.graded)}/{self.number}] {self.graded[-1].grade} ({result.seconds:.0f} s): {fault.title}"]
         lines += [f"    {fault.name} named: {result.found.text}"]
         print("\n".join(lines + [f"    left by undo: {line}" for line in result.left]), flush=True)
@@ -124,7 +159,7 @@ def _is_harmful(lab, fleet: Fleet, fault: Fault) -> bool:
 
     What is broken stays so: an answer to ARP that is lost once is made good by the next question of the other side.
     """
-    if fault.name.startswith("signal"):
+    if fault.name.startswith(ALWAYS):
         return True
     for _look in range(LOOKS):
         time.sleep(SETTLE)
@@ -146,10 +181,12 @@ def write_table(graded: Sequence[Graded]) -> str:
     return "\n".join(lines)
 
 
-def is_good(graded: Sequence[Graded]) -> bool:
+def is_good(graded: Sequence[Graded], pairs: bool = False) -> bool:
     """Return True if all limits are kept."""
     total = Counter(one.grade for one in graded)
     count = max(1, len(graded))
+    if pairs:
+        return total[PART] / count >= LEAST_BOTH and not total[NOTHING]
     return (
         (total[PART] + total[COMPUTER]) / count >= LEAST_COMPUTER
         and total[PART] / count >= LEAST_PART
@@ -169,6 +206,8 @@ def main() -> int:
     parser.add_argument(
         "--only", metavar="NUMBER", type=int, nargs="+", default=[], help="these draws of the seed alone"
     )
+    parser.add_argument("--kind", choices=list(KINDS), default="", help="faults of this kind alone")
+    parser.add_argument("--pairs", action="store_true", help="two faults at once, of which one at least is a person's")
     parser.add_argument("--lab", metavar="NAME", default="fuzz", help="the beginning of the names of the labs")
     parser.add_argument("--labs", type=int, default=1, help="how many labs work side by side")
     options = parser.parse_args()
@@ -177,12 +216,13 @@ def main() -> int:
     try:
         names = [f"{options.lab}{number or ''}" for number in range(options.labs)]
         number = len(options.only) or options.number
-        graded = Hunt(number, options.seed, options.record, options.only).run(names)
+        hunt = Hunt(number, options.seed, options.record, options.only, options.kind, options.pairs)
+        graded = hunt.run(names)
     except (LabError, subprocess.SubprocessError) as problem:
         print(f"faults: {problem}", file=sys.stderr)
         return 1
     print(f"\n{write_table(graded)}")
-    good = is_good(graded)
+    good = is_good(graded, options.pairs)
     print(f"{len(graded)} faults of seed {options.seed}: {'within' if good else 'beyond'} the limits")
     wrong = [one.fault.name for one in graded if one.grade in (OTHER, NOTHING)]
     print(f"{len(graded) - len(wrong)} of {len(graded)} named first{'; not: ' if wrong else ''}{', '.join(wrong)}")

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from itertools import count
 
 from catalogue import Fault, Step
+from setups import people_nodes
+from setups.people_nodes import DOCKER, GONE, HUNG, Wrong, announce, use_roscore
 
 GATES = ("tibi-gate", "dabo-gate")
 MASTERS = ("kobuki-pc", *GATES)
@@ -33,6 +35,7 @@ class Draw:
     inject: str
     undo: str
     parts: tuple[str, ...]  # kinds of plugin_utils/_verify/components/parts.py
+    also: tuple[str, ...] = ()  # other computers where it may be named, since they have to do with it
 
 
 class Place:
@@ -227,6 +230,39 @@ def _file(place: Place) -> Draw:
     return Draw(f"{path}: {made}", made, back, parts)
 
 
+def _person(place: Place) -> Draw:
+    """A node of a person, started wrongly in a shell, a unit or a launch file."""
+    starter, wrong = place.choose(people_nodes.STARTERS), _choose_wrong(place)
+    name = f"fault_person{place.dice.randrange(1000)}"
+    master = next(host for host in MASTERS if ROBOT[host] == ROBOT[place.host])
+    return Draw(
+        f"a node that a {starter} has started {wrong.title}",
+        people_nodes.start(name, starter, wrong),
+        people_nodes.stop(name, wrong),
+        ("node", "registration"),
+        (master,) if wrong is GONE else (),  # its roscore holds it
+    )
+
+
+def _choose_wrong(place: Place) -> Wrong:
+    foreign = place.choose([name for name in COMPUTERS if ROBOT[name] != ROBOT[place.host]])
+    its_master = next(host for host in MASTERS if ROBOT[host] == ROBOT[foreign])
+    return place.dice.choice(
+        [
+            *(announce(host, "announces the loopback") for host in ("127.0.0.1", "localhost", "127.0.1.1")),
+            announce("192.168.66.9", "announces an address of no computer", "ROS_IP"),
+            announce("laptop-of-ann", "announces a name of no computer"),
+            announce(foreign, "announces the name of another robot's computer"),
+            announce(place.facts[foreign], "announces the address of another robot's computer", "ROS_IP"),
+            DOCKER,
+            use_roscore(f"http://{its_master}:11311", "uses the roscore of another robot"),
+            use_roscore("http://localhost:11399", "uses a roscore that is not there", registers=False),
+            HUNG,
+            GONE,
+        ]
+    )
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of faults, and the computers on which it can be made."""
@@ -249,6 +285,7 @@ KINDS: Mapping[str, Kind] = {
     "limit": Kind(_limit, MASTERS),
     "package": Kind(_package, MASTERS),
     "file": Kind(_file),
+    "person": Kind(_person, weight=4),
 }
 
 
@@ -266,6 +303,45 @@ def draw_faults(seed: int, facts: Mapping[str, str]) -> Iterator[Fault]:
             settled=(),
             undo=(Step(place.host, drawn.undo),),
             parts=tuple((part, "") for part in drawn.parts),
-            at=(place.host,),
+            at=(place.host, *drawn.also),
             quick=False,
         )
+
+
+def draw_pairs(seed: int, facts: Mapping[str, str]) -> Iterator[tuple[Fault, Fault]]:
+    """Draw two faults at once without end: on two computers, of which one at least is a person's."""
+    dice, faults = random.Random(-seed), draw_faults(seed, facts)
+    kept: list[Fault] = []
+    for fault in faults:
+        fits = [
+            other
+            for other in kept
+            if not set(other.at) & set(fault.at)
+            and "person" in (_kind(other), _kind(fault))
+            and _kind(other) != "package"
+        ]
+        if not fits:
+            kept.append(fault)
+            continue
+        other = dice.choice(fits)
+        kept.remove(other)
+        yield other, fault
+
+
+def join_faults(pair: tuple[Fault, Fault]) -> Fault:
+    """Make one fault of two: both are made, one after the other, and taken back in the reverse order."""
+    one, other = pair
+    return Fault(
+        name=f"{one.name}-and-{other.name}",
+        title=f"{one.title}; {other.title}",
+        inject=(*one.inject, *other.inject),
+        settled=(),
+        undo=(*other.undo, *one.undo),
+        parts=(*one.parts, *other.parts),
+        at=(*one.at, *other.at),
+        quick=False,
+    )
+
+
+def _kind(fault: Fault) -> str:
+    return fault.name.partition("-")[0]

@@ -17,6 +17,7 @@ from catalogue import Fault
 FIRST, RIVAL, OTHER, NOTHING = "first", "one of several", "another part first", "nothing was named"
 UNMADE = "the lab could not make it"  # so nothing was judged
 WRONG = ("failed", "warning")
+FEW = 4  # findings in which both of two faults are to be
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Named:
     text: str = ""
     rivals: tuple[tuple[str, str, str], ...] = ()  # (kind, mode, place) of what may be instead
     findings: int = 0
+    first: tuple[tuple[str, str, str], ...] = ()  # (kind, mode, place) of the first few findings
 
 
 def named(document: Mapping[str, Any]) -> Named:
@@ -37,7 +39,8 @@ def named(document: Mapping[str, Any]) -> Named:
         first = findings[0]
         rivals = tuple((entry["kind"], entry["mode"], entry["place"]) for entry in first.get("rivals", ()))
         text = first.get("sentence") or f"{first['kind']} {first['mode']} of {first['place']}"
-        return Named((first["kind"], first["mode"]), first["place"], text, rivals, len(findings))
+        few = tuple((entry["kind"], entry["mode"], entry["place"]) for entry in findings[:FEW])
+        return Named((first["kind"], first["mode"]), first["place"], text, rivals, len(findings), few)
     wrong = [entry for entry in findings if entry["verdict"] in WRONG and not entry["because"]]
     wrong.sort(key=lambda entry: WRONG.index(entry["verdict"]))  # failures before warnings
     if not wrong:

@@ -3,6 +3,7 @@
 
 """Drawn faults: the same for one seed, of every kind, in commands that a shell reads, and graded by where they were made."""
 
+import dataclasses
 import re
 import subprocess
 from itertools import islice
@@ -13,6 +14,7 @@ import harm
 import pytest
 from catalogue import Fault
 from judge import Named
+from setups import people_nodes
 
 FACTS = {"group": "226.0.0.0"} | {
     f"{name}{suffix}": f"192.0.2.{number}"
@@ -36,9 +38,40 @@ def test_every_kind_is_drawn_on_a_computer_that_can_have_it():
     assert all(step.where == fault.at[0] for fault in faults for step in (*fault.inject, *fault.undo))
 
 
+def test_persons_start_nodes_in_each_way():
+    titles = {fault.title for fault in draw(3, 1500) if fault.name.startswith("person")}
+    for starter in people_nodes.STARTERS:
+        assert any(f"a {starter} has started" in title for title in titles)
+    for words in ("loopback", "docker0", "another robot's computer", "roscore of another robot", "stopped", "killed"):
+        assert any(words in title for title in titles), words
+
+
+def test_two_faults_at_once_are_on_two_computers_and_one_is_a_persons():
+    pairs = list(islice(grammar.draw_pairs(4, FACTS), 60))
+    assert pairs == list(islice(grammar.draw_pairs(4, FACTS), 60))
+    for one, other in pairs:
+        assert not set(one.at) & set(other.at) and "person" in one.name + other.name
+        joined = grammar.join_faults((one, other))
+        assert joined.inject == one.inject + other.inject and joined.undo == other.undo + one.undo
+
+
+@pytest.mark.parametrize(
+    ("first", "grade"),
+    [
+        ((("filter", "forward", "tibi-gate"), ("node", "loopback", "kobuki-pc")), fuzz.PART),
+        ((("filter", "forward", "tibi-gate"), ("route", "missing", "dabo-arm")), fuzz.OTHER),
+        ((), fuzz.NOTHING),
+    ],
+)
+def test_of_two_faults_both_are_to_be_named(first, grade):
+    person = dataclasses.replace(FAULT, name="person-1-1", parts=(("node", ""),), at=("kobuki-pc",))
+    assert fuzz.grade_pair((FAULT, person), Named(findings=len(first), first=first)) == grade
+
+
 def test_commands_are_whole_and_a_shell_reads_them():
     commands = sorted({step.what for fault in draw(2, 400) for step in (*fault.inject, *fault.undo)})
-    assert not [command for command in commands if re.search(r"<[a-z-]+(\.common)?>", command)]
+    left = {name for command in commands for name in re.findall(r"<([a-z-]+(?:\.common)?)>", command)}
+    assert not left & {*FACTS, "port"}  # a launch file has tags, too
     script = "\n".join(f"case_{number}() {{ {command}\n}}" for number, command in enumerate(commands))
     done = subprocess.run(["bash", "-n"], input=script, capture_output=True, text=True, check=False)
     assert not done.stderr

@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Nodes that a person starts wrongly: commands for root of a computer of the lab. Pure.
+
+A node is a publisher of rospy. Its number is in /run/<name>.pid, and each command waits until it is as it should be, for some seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+STARTERS = ("shell", "unit", "launch")
+PATIENCE = 40  # seconds until a node has registered
+_TALK = "rostopic pub -r 2 /{name} std_msgs/Int32 1"
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """What is wrong with a node: the variables with which it starts, what is done before it starts, and what it meets then."""
+
+    title: str
+    variables: Mapping[str, str] = field(default_factory=dict)
+    before: str = ""
+    after: str = ""  # `$pid` is the node
+    back: str = ""
+    registers: bool = True
+
+    @property
+    def master(self) -> str:
+        """The roscore that it is told to use; empty for that of its shell."""
+        return self.variables.get("ROS_MASTER_URI", "")
+
+
+def announce(host: str, title: str, variable: str = "ROS_HOSTNAME") -> Wrong:
+    """Make a node announce a host."""
+    return Wrong(title, {variable: host})
+
+
+def _bridge(address: str) -> Wrong:
+    made = f"ip link add docker0 type bridge; ip address add {address}/16 dev docker0; ip link set docker0 up"
+    return Wrong("announces the address of docker0", {"ROS_HOSTNAME": address}, made, back="ip link del docker0")
+
+
+DOCKER = _bridge("172.17.0.1")
+HUNG = Wrong("is stopped", after="kill -STOP $pid")
+GONE = Wrong("was killed", after="kill -KILL $pid")
+FILTERED = Wrong(
+    "is behind a packet filter",
+    after=(
+        'ports=$(ss -Hltnp | grep pid=$pid, | awk "{print \\$4}" | sed s/.*:// | paste -sd,); '
+        'nft "table inet fault { chain one { type filter hook input priority 0; iif != lo tcp dport { $ports } drop; }; }"'
+    ),
+    back="nft delete table inet fault",
+)
+
+
+def use_roscore(uri: str, title: str, *, registers: bool = True) -> Wrong:
+    """Make a node use a roscore."""
+    return Wrong(title, {"ROS_MASTER_URI": uri}, registers=registers)
+
+
+def list_services_elsewhere(host: str) -> Wrong:
+    """Make the services of a node lead to another host than the node."""
+    call = (
+        'import os, xmlrpc.client as x; m = x.ServerProxy(os.environ[\\"ROS_MASTER_URI\\"]); n = \\"/$name\\"; '
+        f'm.registerService(n, n + \\"/set\\", \\"rosrpc://{host}:41999\\", m.lookupNode(n, n)[2])'
+    )
+    return Wrong("has its services at another place", after=f"bash -lc \"python3 -c '{call}'\"")
+
+
+def start(name: str, starter: str, wrong: Wrong) -> str:
+    """Return the command that starts a node, wrongly."""
+    steps = [wrong.before, _START[starter](name, wrong.variables)]
+    if wrong.registers:
+        uri = f"ROS_MASTER_URI={wrong.master} " if wrong.master else ""
+        steps.append(_wait(f"{uri}timeout 5 rosnode list 2>/dev/null | grep -qx /{name}"))
+    else:
+        steps.append("sleep 4")
+    if wrong.after:
+        steps.append(f"name={name}; pid=$(cat /run/{name}.pid); {wrong.after}")
+    return "; ".join(filter(None, steps))
+
+
+def stop(name: str, wrong: Wrong) -> str:
+    """Return the command that ends a node, and takes back what was done for it."""
+    uri = f"ROS_MASTER_URI={wrong.master} " if wrong.master and wrong.registers else ""
+    steps = [
+        wrong.back,
+        f"pid=$(cat /run/{name}.pid); kill -CONT $pid; kill $pid; for n in $(seq 20); do kill -0 $pid || break; sleep 0.3; done; kill -KILL $pid",
+        f"systemctl stop {_unit(name)} || true",
+        f"yes | {uri}timeout 60 rosnode cleanup >/dev/null 2>&1 || true",
+        f"rm -rf /run/{name} /run/{name}.pid /run/{name}.launch",
+    ]
+    return "; ".join(filter(None, steps))
+
+
+def _unit(name: str) -> str:
+    return name.replace("_", "-")
+
+
+def _wait(condition: str) -> str:
+    return f"for n in $(seq {PATIENCE}); do {condition} && break; sleep 0.5; done"
+
+
+def _env(variables: Mapping[str, str]) -> str:
+    """The words of env(1) that set variables. What decides the host is what is given."""
+    unset = ["-u ROS_HOSTNAME", "-u ROS_IP"] if {"ROS_HOSTNAME", "ROS_IP"} & variables.keys() else []
+    return " ".join([*unset, *(f"{name}={value}" for name, value in sorted(variables.items()))])
+
+
+def _say(name: str, variables: Mapping[str, str]) -> str:
+    return f"echo $$ >/run/{name}.pid; exec env {_env(variables)} {_TALK.format(name=name)} __name:={name}"
+
+
+def _start_in_shell(name: str, variables: Mapping[str, str]) -> str:
+    return f"setsid bash -lc '{_say(name, variables)}' >/dev/null 2>&1 </dev/null & sleep 1"
+
+
+def _start_unit(name: str, variables: Mapping[str, str]) -> str:
+    return f"systemd-run --quiet --collect --unit {_unit(name)} bash -lc '{_say(name, variables)}'"
+
+
+def _start_by_launch_file(name: str, variables: Mapping[str, str]) -> str:
+    package = (
+        f'<package><name>{name}</name><version>0.0.0</version><description>d</description><maintainer email="a@example.com">a</maintainer>'
+        "<license>l</license></package>"
+    )
+    told = "".join(f'<env name="{variable}" value="{value}"/>' for variable, value in sorted(variables.items()))
+    launch = f'<launch><node pkg="{name}" type="talk" name="{name}" output="log">{told}</node></launch>'
+    script = f'#!/bin/sh\\necho $$ >/run/{name}.pid\\nexec {_TALK.format(name=name)} "$@"\\n'
+    steps: Sequence[str] = (
+        f"mkdir -p /run/{name}/{name}",
+        f"printf '{package}' >/run/{name}/{name}/package.xml",
+        f"printf '{script}' >/run/{name}/{name}/talk",
+        f"chmod +x /run/{name}/{name}/talk",
+        f"printf '{launch}' >/run/{name}.launch",
+        f"setsid bash -lc 'export ROS_PACKAGE_PATH=/run/{name}:$ROS_PACKAGE_PATH; exec roslaunch /run/{name}.launch' >/dev/null 2>&1 </dev/null "
+        "& sleep 1",
+    )
+    return "; ".join(steps)
+
+
+_START: Mapping[str, Callable[[str, Mapping[str, str]], str]] = {
+    "shell": _start_in_shell,
+    "unit": _start_unit,
+    "launch": _start_by_launch_file,
+}
