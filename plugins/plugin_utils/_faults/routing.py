@@ -130,8 +130,15 @@ ROUTING: Mapping[Key, Fault] = {
         do=(
             hand("delete the rule on {place} that masquerades what goes to the robots' networks: the look shows it"),
             hand("a container or virtual machine: connect it by a bridge, instead of NAT"),
+            on(
+                "conntrack -D --src-nat",
+                "where no rule is left: it ends connections from before, which are still translated",
+            ),
         ),
-        look=(on("nft -a list ruleset | grep -nE 'masquerade|snat|dnat'; iptables -t nat -S"),),
+        look=(
+            on("nft -a list ruleset | grep -nE 'masquerade|snat|dnat'; iptables -t nat -S"),
+            on("conntrack -L --src-nat", "what is translated now"),
+        ),
         cost=2.0,
         why="routers of homes, Docker and libvirt do it",
     ),

@@ -68,3 +68,10 @@ def test_a_second_address_of_the_own_name_is_named():
     ((_trial, [(_row, place, verdict)], findings),) = harness.single_faults([11], rows)
     assert [(part.kind, part.place, part.mode) for part, *_rivals in findings] == [("names", place, "own")]
     assert verdict == harness.FIRST
+
+
+def test_a_prefix_that_is_too_short_is_one_finding():
+    """The computer looks for those of other networks on its own, where nobody answers."""
+    trial = harness.draw(47, [[faults.BY_NAME["another prefix length"]]])
+    (parts,) = harness.named(trial)
+    assert (parts[0].kind, parts[0].mode) == ("interface", "prefix")

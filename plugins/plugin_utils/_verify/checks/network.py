@@ -357,6 +357,8 @@ def _arp_needs(case: Case) -> Parts:
     title="computer on the same network answers ARP",
     scope=MEMBER,
     needs=_arp_needs,
+    # In a network that is too large, a computer looks for those of other networks, too.
+    suspects=lambda case: _arp_needs(case) | make_parts("interface", case.observer.name, "prefix"),
 )
 def _judge_answers_arp(case: Case) -> Judgement | None:
     address, _network = _arp_question(case)
