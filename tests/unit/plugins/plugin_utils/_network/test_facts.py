@@ -38,9 +38,6 @@ def reached(world):
     }
 
 
-BARE = make_world(fig12({"tibi": {"multimaster_routes": "existing"}}))
-
-
 def bare():
     """The machines before site.yml has ever run: no routes, no forwarding."""
     world = WORLD

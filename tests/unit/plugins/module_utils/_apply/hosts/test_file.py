@@ -417,7 +417,7 @@ def test_a_malformed_record_is_one_sentence(machine, content):
     machine.records.mkdir()
     (machine.records / "hosts_entries.json").write_text(content.replace("FILE", str(machine.hosts)))
     result = machine.run()
-    assert result["failed"] and mentions(result["msg"], "writes", "hold")
+    assert result["failed"] and mentions(result["msg"], "hosts_entries.json")
     assert machine.hosts.read_bytes() == OLD
 
 

@@ -754,4 +754,4 @@ def test_a_record_of_another_shape_is_one_sentence(computer, record):
     (computer.root / "var").mkdir()
     (computer.root / "var/routes.json").write_text(json.dumps(record))
     failed = computer.run(FOUR)
-    assert failed["failed"] and mentions(failed["msg"], "writes", "hold")
+    assert failed["failed"] and mentions(failed["msg"], "routes.json")

@@ -326,17 +326,6 @@ def test_a_relative_folder_is_named(option):
         sysctl.Run(options)
 
 
-def test_a_record_that_cannot_be_read_is_named(machine):
-    (machine.records / "sysctl.json").mkdir(parents=True)
-    assert "cannot be read (Is a directory)" in machine.run(REPORT)["msg"]
-
-
-def test_a_record_that_is_no_json_is_named(machine):
-    machine.records.mkdir()
-    (machine.records / "sysctl.json").write_text("{")
-    assert "is not readable as JSON" in machine.run(REPORT)["msg"]
-
-
 def test_a_record_of_another_shape_is_named(machine):
     machine.records.mkdir()
     (machine.records / "sysctl.json").write_text('{"settings": {"net/ipv4/ip_forward": {}}}')
@@ -440,15 +429,6 @@ def test_a_missing_key_may_be_missing(machine):
     assert machine.state() == untouched
 
 
-def test_nothing_but_a_missing_key(machine):
-    untouched = machine.state()
-    wanted = [{"name": "net.ipv4.conf.wlan0.rp_filter", "value": 2, "ignore_missing": True}]
-    assert machine.run(wanted)["changed"] and machine.drop_in.exists()
-    assert not machine.run(wanted)["changed"]
-    assert machine.run([])["changed"]
-    assert machine.state() == untouched
-
-
 def test_two_ways_to_say_one_limit_are_a_contradiction(machine):
     for name, value in (("dirty_bytes", "0"), ("dirty_ratio", "20")):
         (machine.proc / "vm").mkdir(exist_ok=True)
@@ -460,17 +440,6 @@ def test_two_ways_to_say_one_limit_are_a_contradiction(machine):
         )
         assert mentions(result["msg"], "vm.dirty_bytes", "1000000", "vm.dirty_ratio", "30", "0")
     assert machine.state() == untouched
-
-
-def test_the_mode_of_the_drop_in_is_repaired(machine):
-    machine.run(REPORT)
-    for mode in (0o600, 0o666):
-        machine.drop_in.chmod(mode)
-        assert machine.run(REPORT, check=True)["changed"]
-        assert machine.drop_in.stat().st_mode & 0o777 == mode
-        assert machine.run(REPORT)["changed"]
-        assert machine.drop_in.stat().st_mode & 0o777 == 0o644
-        assert not machine.run(REPORT)["changed"]
 
 
 def test_the_mode_of_a_drop_in_that_goes_is_as_before(machine, monkeypatch):
@@ -976,29 +945,6 @@ def test_kernel_keeps_interfaces_that_are_set_apart(namespace):
     namespace.run(settings)
     assert (namespace.held(FORWARD), namespace.held(ETH0), namespace.held(LO)) == ("1", "0", "1")
     assert not namespace.run(settings)["changed"]
-
-
-@as_root
-def test_kernel_refuses_a_value_and_everything_is_as_before(namespace):
-    untouched = namespace.state()
-    result = namespace.run(
-        [{"name": "net.ipv4.ip_forward", "value": "1"}, {"name": "net.ipv4.tcp_rmem", "value": "many"}]
-    )
-    held = " ".join(namespace.held("net/ipv4/tcp_rmem").split())
-    assert mentions(result["msg"], "net.ipv4.tcp_rmem", held)
-    item = result["settings"][1]
-    assert (item["state"], item["changed"], item["runtime_after"]) == ("invalid", False, held)
-    assert result["msg"].startswith(item["problem"])
-    assert namespace.held(FORWARD) == "0"
-    assert namespace.state() == untouched
-
-
-@as_root
-def test_kernel_reads_a_value_otherwise(namespace):
-    result = namespace.run([{"name": "net.ipv4.tcp_fin_timeout", "value": "0x3d"}])
-    assert "the kernel was given 0x3d and holds 61" in result["msg"]
-    assert result["settings"][0]["state"] == "invalid"
-    assert namespace.held("net/ipv4/tcp_fin_timeout") == "60"
 
 
 @as_root

@@ -311,12 +311,3 @@ def test_an_immutable_unit_file_is_refused_before_a_unit_stops(tmp_path):
     finally:
         subprocess.run(["chattr", "-i", str(path)], check=True)
     assert computer.running() == {CORE: (True, "1")}
-
-
-def test_a_malformed_record_is_a_sentence(tmp_path):
-    computer = Computer(tmp_path)
-    computer.apply({CORE: text("1")})
-    record = computer.records / "services-b.json"
-    record.write_text(json.dumps(dict(json.loads(record.read_text()), units=[5])))
-    with pytest.raises(Problem, match=r"does not hold what this version of the module writes \(units\[0\] is 5\)"):
-        computer.run({})
