@@ -80,7 +80,7 @@ def _check_options(option: Any, path: str, names: list[str]) -> None:
 
 def _read_machines(
     names: list[str], hostvars: Mapping[str, Any], variable: str
-) -> tuple[list[facts.Machine], dict[str, str]]:
+) -> tuple[list[facts.FoundMachine], dict[str, str]]:
     """Return the machines, and machine -> reason for those that could not be read."""
     machines, unread = [], {}
     for name in names:

@@ -25,7 +25,7 @@ from ansible.utils.display import Display
 from ..plugin_utils._base.plain import Mismatch
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines
 from ..plugin_utils._base.sentences import join_causes
-from ..plugin_utils._bundle.archive import LARGEST, Unreadable, unpack
+from ..plugin_utils._bundle.archive import LARGEST, UnreadableBundle, unpack
 from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
@@ -67,7 +67,7 @@ class ActionModule(FleetAction):
             )
             place = os.path.abspath(bundle) if bundle else str(task_vars.get("inventory_dir") or "")
             return self._report(run, place, live=not bundle)
-        except (Mismatch, Unreadable) as problem:
+        except (Mismatch, UnreadableBundle) as problem:
             raise Refusal(str(problem)) from None
         except STRANGE:  # a bundle may come from any person
             if not bundle:
@@ -186,21 +186,23 @@ def format_durations(marks: Any, now: float) -> str:
 
 
 def open_bundle(path: str) -> Run:
-    """Read a bundle. Raises Unreadable, with a sentence."""
+    """Read a bundle. Raises UnreadableBundle, with a sentence."""
     try:
         descriptor = os.open(
             os.path.expanduser(path), os.O_RDONLY | os.O_NONBLOCK
         )  # without O_NONBLOCK a FIFO would block
         with open(descriptor, "rb") as stream:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise Unreadable("is no file")
+                raise UnreadableBundle("is no file")
             data = stream.read(LARGEST + 1)
         return quote_run(read_bundle(unpack(data, JUDGED)))
     except OSError as problem:
         reason = f"cannot be read: {problem.strerror}"
-    except Unreadable as problem:
+    except UnreadableBundle as problem:
         reason = plain(str(problem), LINE)
-    raise Unreadable(f"{path} {reason}; expected a bundle that verify has written (verify_bundle): name another file.")
+    raise UnreadableBundle(
+        f"{path} {reason}; expected a bundle that verify has written (verify_bundle): name another file."
+    )
 
 
 def collection_version() -> str:

@@ -53,7 +53,7 @@ def until(step):
 for module, names in ((contract, ["run_or_fail"]), (atomic, ["write_by_rename", "remove", "make_folders", "remove_folder_if_empty"])):
     for name in names:
         setattr(module, name, until(getattr(module, name)))
-made = run.Run(options)
+made = run.FirewallRun(options)
 made.apply()
 print("changed" if made.changed else "right")
 """

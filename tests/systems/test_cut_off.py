@@ -320,7 +320,7 @@ import os, signal, subprocess
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import deadman
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import run as routes
 options = {"routes": [%(route)s], "backends": {}, "on_conflict": "replace", "root": "/", "records": "/var/lib/rosfleet-multimaster"}
-run = routes.Run(options)
+run = routes.RoutesRun(options)
 deadman.Switch("routes").arm("word", %(within)d, run.undo_steps(), run.memory)
 if %(half)s:
     run.apply_runtime()

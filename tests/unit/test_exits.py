@@ -20,7 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentenc
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import (
-    DiagnosticEntry,
+    Diagnosis,
     Finding,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
@@ -184,7 +184,7 @@ def through_a_difference(text):
 def through_the_report(text):
     row = Row("names", "robot1", "robot2", FAILED, text, text)
     part, rival = Part("registration", "robot1", "ghost", text), Part("messages", "robot2", "differ", text)
-    diagnosis = DiagnosticEntry((Finding(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
+    diagnosis = Diagnosis((Finding(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
     summary = summarise([row], ["robot1", "robot2"], 2)
     shown = plain_lines(terminal.render(summary, diagnosis))
     return [

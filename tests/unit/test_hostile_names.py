@@ -97,7 +97,7 @@ def of_a_folder(name, there):
     folder = there.folder / re.sub(r"[/\0]", "|", name).encode()[:200].decode(errors="ignore")
     folder.mkdir(exist_ok=True)
     folder.chmod(0o777)
-    return trust.Look().doubts(str(folder))[-1].words
+    return trust.TrustCheck().doubts(str(folder))[-1].words
 
 
 def of_a_link(name, there):
@@ -110,7 +110,7 @@ def of_a_link(name, there):
 
 def of_a_unit_file(name, _there):
     unit = units.Unit(**{**dict.fromkeys(units.Unit._fields, ""), "name": "a.service"})
-    state = units.State(LoadState="loaded", FragmentPath=name, ActiveState="active")
+    state = units.UnitState(LoadState="loaded", FragmentPath=name, ActiveState="active")
     return raised(units.check, [unit], {"a.service": state}, ())
 
 
@@ -138,7 +138,7 @@ def of_a_program(name, _there):
 
 def of_a_route(name, _there):
     """_routes: words of a route that somebody else has made."""
-    route = kernel.Route("0.0.0.0/0", "192.168.11.101", "eth0", 0)
+    route = kernel.RouteSpec("0.0.0.0/0", "192.168.11.101", "eth0", 0)
     foreign = kernel.KernelRoute(route._replace(gateway="192.168.11.1"), "boot", ("default", "dev", name), ())
     planned = routes_plan.plan_routes([route], {route.key: [foreign]}, {}, False, {"eth0"})
     return planned.results[0].problem
@@ -151,7 +151,7 @@ def of_a_route_that_stays(name, _there):
 
 def of_an_interface(name, _there):
     own = network.Address("10.0.0.1", 24, "inet")
-    return route_options._list_addresses({name: network.Interface(name, addresses=(own,))})
+    return route_options._list_addresses({name: network.NetworkInterface(name, addresses=(own,))})
 
 
 def of_the_roscore(name, there):
@@ -163,7 +163,7 @@ def of_the_roscore(name, there):
 def of_the_own_name(name, _there):
     self = types.SimpleNamespace(own_name="kobuki1computer")
     item = {"state": "changed", "line": 2, "before": f"127.0.1.1 {name}", "after": f"127.0.1.1 {name}"}
-    return hosts_run.Run._replacement_sentence(self, item)
+    return hosts_run.HostsRun._replacement_sentence(self, item)
 
 
 def of_a_file_of_settings(name, _there):
@@ -178,7 +178,7 @@ def of_a_part(name, there):
     def strange():
         raise OSError(name)
 
-    there.patch.setattr(machine, "PARTS", [machine.Part("interfaces", strange, 1)])
+    there.patch.setattr(machine, "PARTS", [machine.FactPart("interfaces", strange, 1)])
     return machine.look({"parts": ["interfaces"]})["problems"][0]
 
 

@@ -31,7 +31,7 @@ class Doubt(typing.NamedTuple):
     words: str
 
 
-class Look:
+class TrustCheck:
     """A look at many paths. Each part is looked at once. There are limits, because others choose the paths."""
 
     def __init__(self, most: int = MOST, limit: float = LIMIT) -> None:

@@ -5,11 +5,11 @@
 
 import typing
 
-from .._probe.facts.part import Part
+from .._probe.facts.part import FactPart
 from .clock.facts import FACT as CLOCK
 from .tunnel.facts import FACT as TUNNEL
 
-FACTS: typing.List[Part] = [
+FACTS: typing.List[FactPart] = [
     CLOCK,
     TUNNEL,
 ]

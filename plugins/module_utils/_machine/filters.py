@@ -75,7 +75,7 @@ def chains(ruleset: Words) -> typing.List[Words]:
     for base in sorted(bases, key=lambda chain: int(chain.get("prio", 0))):
         if base["family"] not in ("ip", "inet") or base["table"] == OWN:
             continue
-        read = _Reader(base["family"], base["table"], rules)
+        read = _ChainReader(base["family"], base["table"], rules)
         read.chain(base["name"], {}, 0)
         policy = base.get("policy", "accept")
         table = f"{base['family']} {base['table']}"
@@ -118,7 +118,7 @@ def _drops_all(rules: typing.List[typing.List[Words]], policy: str) -> bool:
     return policy == "drop"
 
 
-class _Reader:
+class _ChainReader:
     """Reads one chain, and puts the rules of the chains that it jumps to in its place."""
 
     def __init__(self, family: str, table: str, rules: Rules) -> None:

@@ -34,7 +34,7 @@ class Address(typing.NamedTuple):
         return ipaddress.ip_interface(f"{self.address}/{self.prefix}")
 
 
-class Interface(typing.NamedTuple):
+class NetworkInterface(typing.NamedTuple):
     """A network interface."""
 
     name: str
@@ -80,7 +80,7 @@ class RouteTo(typing.NamedTuple):
 # Interfaces
 
 
-def interfaces() -> typing.List[Interface]:
+def interfaces() -> typing.List[NetworkInterface]:
     """Read the network interfaces with their addresses. Raises OSError where `ip` fails."""
     for words in ("-details",), ():  # old versions of ip write the details of some links as broken JSON
         answer = run(["ip", "-json", *words, "address"])
@@ -89,7 +89,7 @@ def interfaces() -> typing.List[Interface]:
     raise OSError(f"the interfaces' addresses cannot be read: {quote(answer.error) or 'ip failed'}")
 
 
-def from_json(output: str) -> typing.List[Interface]:
+def from_json(output: str) -> typing.List[NetworkInterface]:
     """Read the interfaces in the output of `ip -json address`. Raises ValueError for anything else."""
     data = json.loads(output)
     if not isinstance(data, list):
@@ -97,7 +97,7 @@ def from_json(output: str) -> typing.List[Interface]:
     links = [link for link in data if "ifname" in link]  # old versions leave empty objects
     above = _find_with_ports(links)
     return [
-        Interface(
+        NetworkInterface(
             name=link["ifname"],
             index=link.get("ifindex", 0),
             up="UP" in link.get("flags", ()),
@@ -126,14 +126,14 @@ def _find_with_ports(links: typing.Iterable[typing.Dict[str, typing.Any]]) -> ty
     }
 
 
-class Port(typing.NamedTuple):
+class UpperInterface(typing.NamedTuple):
     """The bridge or bond above an interface."""
 
     master: str
     mac: str  # its hardware address
 
 
-def read_ports() -> typing.Dict[str, Port]:
+def read_ports() -> typing.Dict[str, UpperInterface]:
     """Read the interfaces that are ports of a bridge or a bond: by name; none where `ip` does not tell."""
     answer = run(["ip", "-json", "-details", "link"])
     try:
@@ -142,14 +142,18 @@ def read_ports() -> typing.Dict[str, Port]:
         return {}
 
 
-def list_ports(output: str) -> typing.Dict[str, Port]:
+def list_ports(output: str) -> typing.Dict[str, UpperInterface]:
     """Read the ports in the output of `ip -json -details link`. Raises ValueError for anything else."""
     data = json.loads(output)
     if not isinstance(data, list):
         raise ValueError("expected a list of interfaces")
     links = [link for link in data if "ifname" in link]
     macs = _find_with_ports(links)
-    return {link["ifname"]: Port(link["master"], macs[link["master"]]) for link in links if link.get("master") in macs}
+    return {
+        link["ifname"]: UpperInterface(link["master"], macs[link["master"]])
+        for link in links
+        if link.get("master") in macs
+    }
 
 
 # Routes

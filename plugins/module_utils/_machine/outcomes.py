@@ -39,7 +39,7 @@ def classify_error(problem: typing.Optional[BaseException]) -> typing.Tuple[Outc
     return _OUTCOMES.get(number or 0, Outcome.FAILED), number
 
 
-class Connection(typing.NamedTuple):
+class PortAnswer(typing.NamedTuple):
     """The answer of a TCP port."""
 
     outcome: Outcome
@@ -53,14 +53,14 @@ class Connection(typing.NamedTuple):
         return "open" if self.outcome == Outcome.OPEN else self.error or "no answer"
 
 
-def connect(address: str, port: int, patience: float) -> Connection:
+def connect(address: str, port: int, patience: float) -> PortAnswer:
     """Open a TCP connection, and close it."""
     start = time.monotonic()
     try:
         socket.create_connection((address, port), timeout=patience).close()
     except OSError as problem:
         error = "" if isinstance(problem, socket.timeout) else problem.strerror or str(problem)
-        return Connection(*classify_error(problem), None, error)
+        return PortAnswer(*classify_error(problem), None, error)
     except UnicodeError as problem:  # a name with an empty or a long part
-        return Connection(Outcome.UNKNOWN_NAME, None, None, str(problem))
-    return Connection(Outcome.OPEN, None, round((time.monotonic() - start) * 1000, 3), "")
+        return PortAnswer(Outcome.UNKNOWN_NAME, None, None, str(problem))
+    return PortAnswer(Outcome.OPEN, None, round((time.monotonic() - start) * 1000, 3), "")

@@ -258,7 +258,7 @@ def hooks(environment: typing.Dict[str, str]) -> typing.Tuple[str, str]:
     for prefix in reversed(environment.get("CMAKE_PREFIX_PATH", "").split(":")):
         folder = os.path.join(prefix, HOOKS)
         if prefix.startswith("/") and os.path.isdir(folder):
-            doubts = trust.Look().doubts(folder)
+            doubts = trust.TrustCheck().doubts(folder)
             if not doubts:
                 return folder, ""
             passed_over = passed_over or f"below {quote(prefix)}, since {doubts[0].words}"

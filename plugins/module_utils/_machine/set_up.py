@@ -6,7 +6,7 @@
 import re
 import typing
 
-from .._base.trust import A_GROUP, EVERYBODY, Doubt, Look, account
+from .._base.trust import A_GROUP, EVERYBODY, Doubt, TrustCheck, account
 
 # Lists of folders in which programs look for code. A relative entry would depend on the current folder.
 _LISTS = re.compile(
@@ -83,7 +83,7 @@ def reach(setup: str, variables: Variables) -> Reach:
     Of other variables, root gets no path that others can change.
     """
     lists = {name: value for name, value in variables.usable.items() if _LISTS.fullmatch(name)}
-    look = Look()
+    look = TrustCheck()
     own = look.doubts(setup) if setup else []
     doubts = own + [doubt for path in paths(lists) for doubt in look.doubts(path)]
     if not doubts:
@@ -101,7 +101,7 @@ def _owner(doubts: typing.Iterable[Doubt]) -> str:
     return account(owners.pop()) if len(owners) == 1 else ""
 
 
-def _is_certain(name: str, value: str, look: Look) -> bool:
+def _is_certain(name: str, value: str, look: TrustCheck) -> bool:
     """Return True if root alone can change all paths in a value, whatever the current folder is."""
     if _QUOTING & set(value):
         return False

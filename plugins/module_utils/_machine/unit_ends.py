@@ -19,14 +19,14 @@ _SOON = 60e6  # microseconds in which a service ends that the watchdog has told 
 _FIELDS = "MESSAGE,MESSAGE_ID,UNIT,UNIT_RESULT,EXIT_STATUS,_SYSTEMD_UNIT"
 
 
-class End(typing.NamedTuple):
+class UnitEnd(typing.NamedTuple):
     """The end of a service: the Result of systemd, such as "oom-kill", and the status or the number of the signal."""
 
     result: str = ""
     status: typing.Optional[int] = None
 
 
-def find_ends(units: typing.Sequence[str]) -> typing.Dict[str, End]:
+def find_ends(units: typing.Sequence[str]) -> typing.Dict[str, UnitEnd]:
     """Find the last end of each unit since the boot of this computer."""
     return read_ends(commands.run(list_words(units), limit=_LIMIT).text.splitlines(), units)
 
@@ -41,9 +41,9 @@ def list_words(units: typing.Sequence[str]) -> typing.List[str]:
     return command + ["--lines=%d" % _LINES, "--output-fields=" + _FIELDS] + told
 
 
-def read_ends(lines: typing.Sequence[str], units: typing.Sequence[str]) -> typing.Dict[str, End]:
+def read_ends(lines: typing.Sequence[str], units: typing.Sequence[str]) -> typing.Dict[str, UnitEnd]:
     """Read the last end of each unit from lines of the journal, the newest first."""
-    ends = {}  # type: typing.Dict[str, End]
+    ends = {}  # type: typing.Dict[str, UnitEnd]
     times = {}  # type: typing.Dict[str, int]
     exited = set()  # type: typing.Set[str]
     for line in lines:
@@ -59,7 +59,7 @@ def read_ends(lines: typing.Sequence[str], units: typing.Sequence[str]) -> typin
             if judged in ends and 0 <= times[judged] - at < _SOON:
                 ends[judged] = ends[judged]._replace(result="watchdog")
         elif unit in units and kind in (_FAILED, _SUCCEEDED) and unit not in ends:
-            ends[unit], times[unit] = End("success" if kind == _SUCCEEDED else fields.get("UNIT_RESULT", "")), at
+            ends[unit], times[unit] = UnitEnd("success" if kind == _SUCCEEDED else fields.get("UNIT_RESULT", "")), at
         elif unit in ends and kind == _EXITED and unit not in exited:
             ends[unit] = ends[unit]._replace(status=_read_status(fields.get("EXIT_STATUS", "")))
             exited.add(unit)

@@ -36,7 +36,7 @@ class StrangeMachine(ValueError):
 
 
 @dataclass(frozen=True)
-class Hop:
+class FoundRoute:
     """A route by a next hop."""
 
     destination: IPv4Network
@@ -57,7 +57,7 @@ class Uri:
 
 
 @dataclass(frozen=True)
-class Discovery:
+class FoundDiscovery:
     """A discovery node; the group and the ports are None or 0 where its parameters do not say them."""
 
     uri: Uri | None
@@ -66,20 +66,20 @@ class Discovery:
 
 
 @dataclass(frozen=True)
-class Roscore:
+class FoundRoscore:
     """A roscore, what has started it, and the nodes at it."""
 
     port: int
     uri: Uri | None
     runs: str  # its unit, else its command
-    discovery: tuple[Discovery, ...] = ()
+    discovery: tuple[FoundDiscovery, ...] = ()
     syncs: bool = False  # a sync node is there
     contained: bool = False  # it runs in a container
     makes: frozenset[str] = frozenset()  # whose nodes these are: bundled, upstream, fkie_mas
 
 
 @dataclass(frozen=True)
-class Machine:
+class FoundMachine:
     """A machine of the list."""
 
     name: str  # in the list
@@ -90,22 +90,22 @@ class Machine:
     mute: Mapping[IPv4Address, str] = field(default_factory=dict)
     # The address from which packets to each of its own networks leave: with several there, the kernel takes one.
     sources: Mapping[IPv4Network, IPv4Address] = field(default_factory=dict)
-    hops: tuple[Hop, ...] = ()
+    hops: tuple[FoundRoute, ...] = ()
     forwards: bool = False
-    roscores: tuple[Roscore, ...] = ()
+    roscores: tuple[FoundRoscore, ...] = ()
     masters: tuple[Uri, ...] = ()  # the masters that its files and shells name, the ones that count most first
     ours: bool = False  # the collection runs services there
     features: Mapping[str, Any] = field(default_factory=dict)  # what each optional feature has read
 
 
-def read_machine(name: str, info: Info) -> Machine:
+def read_machine(name: str, info: Info) -> FoundMachine:
     """Return a machine by what was read on it. Raises StrangeMachine."""
     missing = [part for part in NEEDED if part not in info] if isinstance(info, Mapping) else ["everything"]
     if missing:
         raise StrangeMachine(f"{', '.join(missing)} could not be read")
     try:
         usable, aside, mute = _addresses(info["interfaces"])
-        return Machine(
+        return FoundMachine(
             name=name,
             hostname=plain(info.get("hostname") or "", 64),
             addresses=tuple(usable),
@@ -151,11 +151,11 @@ def _explain_aside(address: IPv4Interface, device: str, up: Any) -> str:
     return ""
 
 
-def _hops(routes: Sequence[Info]) -> Iterable[Hop]:
+def _hops(routes: Sequence[Info]) -> Iterable[FoundRoute]:
     for entry in sorted(routes[:MOST_ROUTES], key=lambda entry: int(entry["metric"])):
         gateway = str(entry["gateway"] or "")
         if gateway and ":" not in gateway:
-            yield Hop(IPv4Network(str(entry["destination"])), IPv4Address(gateway))
+            yield FoundRoute(IPv4Network(str(entry["destination"])), IPv4Address(gateway))
 
 
 def _read_sources(routes: Sequence[Info]) -> dict[IPv4Network, IPv4Address]:
@@ -168,10 +168,10 @@ def _read_sources(routes: Sequence[Info]) -> dict[IPv4Network, IPv4Address]:
     return found
 
 
-def _roscore(entry: Info) -> Roscore:
+def _roscore(entry: Info) -> FoundRoscore:
     process = entry["process"]
     discovery, sync = entry["discovery"][:MOST], entry["sync"][:MOST]
-    return Roscore(
+    return FoundRoscore(
         port=_port(entry["port"]),
         uri=uri(entry["uri"]),
         runs=quote(process["unit"] or process["command"], 100),
@@ -182,8 +182,8 @@ def _roscore(entry: Info) -> Roscore:
     )
 
 
-def _discovery(entry: Info) -> Discovery:
-    return Discovery(
+def _discovery(entry: Info) -> FoundDiscovery:
+    return FoundDiscovery(
         uri=uri(entry.get("uri", "")),
         group=_group(entry.get("group", "")),
         group_port=_port(entry.get("group_port", 0)),

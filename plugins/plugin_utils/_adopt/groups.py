@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
-from .facts import Machine, Uri
+from .facts import FoundMachine, Uri
 
 EVERYWHERE = IPv4Network("0.0.0.0/0")
 THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself
@@ -24,7 +24,7 @@ THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself
 class Machines:
     """All machines that were read, by their names in the list, and what connects them."""
 
-    by_name: Mapping[str, Machine]
+    by_name: Mapping[str, FoundMachine]
 
     @cached_property
     def networks(self) -> Mapping[IPv4Network, Mapping[str, IPv4Address]]:
@@ -124,7 +124,9 @@ class FleetGroups:
     rest: Mapping[str, str]  # machine of no robot -> why
 
 
-def _choose_addresses(machine: Machine, networks: Iterable[IPv4Network]) -> Iterator[tuple[IPv4Network, IPv4Address]]:
+def _choose_addresses(
+    machine: FoundMachine, networks: Iterable[IPv4Network]
+) -> Iterator[tuple[IPv4Network, IPv4Address]]:
     """Yield the networks of a machine, with its address there.
 
     Of several it is the one that the kernel sends from, by which others know the machine; else the lowest.

@@ -15,7 +15,7 @@ from .._base.sentences import shorten_list
 from .._inventory import kinds
 from . import facts, groups, names
 from .hooks import AdoptHooks
-from .proposal import Choice, Choices, Computer, Proposal, Robot
+from .proposal import Choice, Choices, Proposal, ProposedComputer, ProposedRobot
 from .scene import Scene
 
 # Nodes that can be kept -> what people call them.
@@ -24,7 +24,7 @@ MAKERS = {"fkie_mas": "fkie_mas", "upstream": "multimaster_fkie"}
 GROUP, PORT, ROSCORE_PORT = "226.0.0.0", 11511, 11311
 
 
-def propose(machines: Iterable[facts.Machine], left_out: Mapping[str, str]) -> Proposal:
+def propose(machines: Iterable[facts.FoundMachine], left_out: Mapping[str, str]) -> Proposal:
     """Return the inventory of these machines. `left_out` are those that were not read, and why."""
     kept, twice = _drop_duplicates(machines)
     missing = {**left_out, **twice}
@@ -52,9 +52,9 @@ def propose(machines: Iterable[facts.Machine], left_out: Mapping[str, str]) -> P
     )
 
 
-def _drop_duplicates(machines: Iterable[facts.Machine]) -> tuple[dict[str, facts.Machine], dict[str, str]]:
+def _drop_duplicates(machines: Iterable[facts.FoundMachine]) -> tuple[dict[str, facts.FoundMachine], dict[str, str]]:
     """Return the machines without those that the list has twice."""
-    kept: dict[str, facts.Machine] = {}
+    kept: dict[str, facts.FoundMachine] = {}
     twice: dict[str, str] = {}
     seen: dict[tuple[str, frozenset[IPv4Address]], str] = {}
     for machine in machines:
@@ -70,7 +70,7 @@ def _drop_duplicates(machines: Iterable[facts.Machine]) -> tuple[dict[str, facts
 # A robot
 
 
-def _robot(scene: Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
+def _robot(scene: Scene, group: groups.Group) -> tuple[ProposedRobot, dict[str, str]]:
     """Return a robot without its name, and its machines that cannot be in it."""
     network = _network(scene, group)
     inside = network or scene.found.common
@@ -87,7 +87,7 @@ def _robot(scene: Scene, group: groups.Group) -> tuple[Robot, dict[str, str]]:
     roscore, doubt = _roscore(scene, group)
     choices.update(_ports(roscore, doubt))
     members_in_order = sorted(members, key=lambda name: scene.addresses(inside)[name])
-    robot = Robot(
+    robot = ProposedRobot(
         name="",
         choices=choices,
         computers=tuple(_computer(scene, name, inside) for name in members_in_order),
@@ -194,20 +194,20 @@ def _gateway_doubt(scene: Scene, best: str, both: Sequence[str], at: str | None)
 # Its roscore and nodes
 
 
-def _roscore(scene: Scene, group: groups.Group) -> tuple[facts.Roscore, str]:
+def _roscore(scene: Scene, group: groups.Group) -> tuple[facts.FoundRoscore, str]:
     """Return the roscore of a robot, and why where its computer has several."""
     roscores = scene.machine(group.master).roscores
     named = Counter(uri.port for name in group.members for uri in scene.machine(name).masters[:1])
     if not roscores:
         port = max(named, key=lambda one: (named[one], -one), default=ROSCORE_PORT)
         doubt = "guessed from ROS_MASTER_URI, since no roscore ran" if port != ROSCORE_PORT else ""
-        return facts.Roscore(port, None, ""), doubt
+        return facts.FoundRoscore(port, None, ""), doubt
     best = min(roscores, key=lambda one: (-named[one.port], not one.discovery, one.port))
     others = ", ".join(str(one.port) for one in roscores if one != best)
     return best, f"guessed, since {scene.name(group.master)} has another roscore on port {others}" if others else ""
 
 
-def _ports(roscore: facts.Roscore, doubt: str) -> dict[str, Choice]:
+def _ports(roscore: facts.FoundRoscore, doubt: str) -> dict[str, Choice]:
     choices = {}
     if roscore.contained:
         choices["roscore"] = Choice("existing", "it runs in a container, where the collection starts nothing")
@@ -219,7 +219,7 @@ def _ports(roscore: facts.Roscore, doubt: str) -> dict[str, Choice]:
     return choices
 
 
-def _describe_services(scene: Scene, group: groups.Group, roscore: facts.Roscore) -> list[str]:
+def _describe_services(scene: Scene, group: groups.Group, roscore: facts.FoundRoscore) -> list[str]:
     """Return what runs there that site.yml would replace."""
     machine = scene.machine(group.master)
     if machine.ours or not machine.roscores:
@@ -278,7 +278,7 @@ def _transport(scene: Scene) -> Choices:
     }
 
 
-def _choose_group(nodes: Sequence[tuple[str, facts.Discovery]]) -> Choices:
+def _choose_group(nodes: Sequence[tuple[str, facts.FoundDiscovery]]) -> Choices:
     choices = {"multicast_group": _choose_majority(nodes, lambda node: str(node.group or GROUP), GROUP)}
     port = _choose_majority(nodes, lambda node: node.group_port or PORT, PORT)
     if port.value != PORT or (port.why and nodes):
@@ -287,7 +287,9 @@ def _choose_group(nodes: Sequence[tuple[str, facts.Discovery]]) -> Choices:
 
 
 def _choose_majority(
-    nodes: Sequence[tuple[str, facts.Discovery]], read: Callable[[facts.Discovery], str | int], default: str | int
+    nodes: Sequence[tuple[str, facts.FoundDiscovery]],
+    read: Callable[[facts.FoundDiscovery], str | int],
+    default: str | int,
 ) -> Choice:
     """Return what most nodes have. The reason names the others."""
     counted = Counter(read(node) for _name, node in nodes)
@@ -312,14 +314,14 @@ def _fleet_notes(scene: Scene) -> list[str]:
 # Computers, and the router
 
 
-def _computer(scene: Scene, machine: str, network: IPv4Network) -> Computer:
+def _computer(scene: Scene, machine: str, network: IPv4Network) -> ProposedComputer:
     name, why = scene.names[machine]
     found = scene.machine(machine)
     choices = {"address": Choice(str(scene.addresses(network)[machine]))}
     if _is_alias(scene, found.hostname, name):
         choices["aliases"] = Choice([found.hostname], "the name that it calls itself")
     notes = [f"Left aside: {', '.join(found.aside)}"] if found.aside else []
-    return Computer(name, machine, choices, (*([f"Named so, since {why}"] if why else []), *notes))
+    return ProposedComputer(name, machine, choices, (*([f"Named so, since {why}"] if why else []), *notes))
 
 
 def _is_alias(scene: Scene, hostname: str, name: str) -> bool:
@@ -330,7 +332,7 @@ def _is_alias(scene: Scene, hostname: str, name: str) -> bool:
     return kinds.is_host_name(host) and host != "localhost" and host not in known and hostnames.count(host) == 1
 
 
-def _router(scene: Scene, rest: Mapping[str, str]) -> tuple[Computer | None, Choice | None, dict[str, str]]:
+def _router(scene: Scene, rest: Mapping[str, str]) -> tuple[ProposedComputer | None, Choice | None, dict[str, str]]:
     """Return the router of the common network as a host or as a device, and the machines that are neither."""
     members = [name for group in scene.found.groups for name in group.members]
     gateways = [name for name in members if name in scene.common]

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 from .._base.plain_text import quote
 from .._inventory import kinds
-from .facts import Machine
+from .facts import FoundMachine
 
 # What people add to the name of a robot for the name of its computer.
 _ENDINGS = re.compile(r"(?<=[a-z0-9])[-_.]?(computer|laptop|notebook|desktop|nuc|pc)$", re.IGNORECASE)
@@ -20,7 +20,7 @@ _LAST_PART = re.compile(r"(?<=.)[-_.]([^-_.]*)$")
 RESERVED = ("all", "ungrouped", "robots", "routers", "localhost")
 
 
-def name_computers(machines: Mapping[str, Machine]) -> dict[str, tuple[str, str]]:
+def name_computers(machines: Mapping[str, FoundMachine]) -> dict[str, tuple[str, str]]:
     """Return machine -> (name in the inventory, why it was guessed).
 
     The name in the list stays. Where it is an address, or no host name, the host name is taken, if no other machine has it.

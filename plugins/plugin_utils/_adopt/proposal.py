@@ -26,7 +26,7 @@ Choices = Mapping[str, Choice]  # by the names of variables, without `multimaste
 
 
 @dataclass(frozen=True)
-class Computer:
+class ProposedComputer:
     """A host of the inventory."""
 
     name: str
@@ -36,12 +36,12 @@ class Computer:
 
 
 @dataclass(frozen=True)
-class Robot:
+class ProposedRobot:
     """A group below `robots`."""
 
     name: str
     choices: Choices
-    computers: tuple[Computer, ...]
+    computers: tuple[ProposedComputer, ...]
     notes: tuple[str, ...] = ()
 
 
@@ -50,18 +50,18 @@ class Proposal:
     """An inventory, and what is not in it."""
 
     choices: Choices = field(default_factory=dict)  # of the fleet
-    robots: tuple[Robot, ...] = ()  # by name
-    router: Computer | None = None
+    robots: tuple[ProposedRobot, ...] = ()  # by name
+    router: ProposedComputer | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)  # machine -> why
     notes: tuple[str, ...] = ()
 
     @property
-    def computers(self) -> tuple[Computer, ...]:
+    def computers(self) -> tuple[ProposedComputer, ...]:
         """The computers of all robots."""
         return tuple(computer for robot in self.robots for computer in robot.computers)
 
     @property
-    def hosts(self) -> tuple[Computer, ...]:
+    def hosts(self) -> tuple[ProposedComputer, ...]:
         """The computers of all robots, and the router."""
         return (*self.computers, self.router) if self.router else self.computers
 

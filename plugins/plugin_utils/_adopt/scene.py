@@ -20,7 +20,7 @@ class Scene:
     found: groups.FleetGroups
     names: Mapping[str, tuple[str, str]]
 
-    def machine(self, name: str) -> facts.Machine:
+    def machine(self, name: str) -> facts.FoundMachine:
         return self.machines.by_name[name]
 
     def name(self, machine: str) -> str:

@@ -20,7 +20,7 @@ import yaml
 
 from .._base.plain_text import LINE, plain
 from .._inventory.rows import PREFIX
-from .proposal import Choices, Computer, Proposal
+from .proposal import Choices, Proposal, ProposedComputer
 
 WIDTH = 120
 # Variables that say how a machine is reached; those in SECRET are never written.
@@ -84,12 +84,12 @@ def _hosts(proposal: Proposal, ways: Ways) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _host(computer: Computer, ways: Ways) -> list[str]:
+def _host(computer: ProposedComputer, ways: Ways) -> list[str]:
     inside = [*_comment(_sentences(computer.notes)), *_variables(computer.choices), *ways[computer.machine]]
     return [f"{computer.name}:", *_indent(2, inside)]
 
 
-def _connection(computer: Computer, given: Mapping[str, Any]) -> list[str]:
+def _connection(computer: ProposedComputer, given: Mapping[str, Any]) -> list[str]:
     """Return how the machine is reached, as the list of machines says it; its address where the list has no other name."""
     lines = []
     if "ansible_host" not in given and computer.machine != computer.name:

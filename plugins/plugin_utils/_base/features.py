@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, TypeVar
 
 H = TypeVar("H")
-P = TypeVar("P", bound="Part")
+P = TypeVar("P", bound="FeaturePart")
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class _Whole(Protocol):
         """Name of a feature -> what it adds."""
 
 
-class Part:
+class FeaturePart:
     """The part that a feature adds to a class of the core, such as to the plan of a computer: `Clock.find(plan)`."""
 
     feature: ClassVar[str] = ""

@@ -20,7 +20,7 @@ MODE = 0o600 << 16
 FOLDER = "rosfleet-bundle/"
 
 
-class Unreadable(ValueError):
+class UnreadableBundle(ValueError):
     """An archive that is no bundle; one sentence without its name."""
 
 
@@ -36,9 +36,9 @@ def pack(texts: Mapping[str, str], time: tuple[int, int, int, int, int, int]) ->
 
 
 def unpack(data: bytes, names: Iterable[str]) -> dict[str, str]:
-    """Return the texts of these names. Raises Unreadable."""
+    """Return the texts of these names. Raises UnreadableBundle."""
     if len(data) > LARGEST:
-        raise Unreadable(f"has more than {LARGEST // 1_000_000} MB")
+        raise UnreadableBundle(f"has more than {LARGEST // 1_000_000} MB")
     left, texts = UNPACKED, {}
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -46,10 +46,10 @@ def unpack(data: bytes, names: Iterable[str]) -> dict[str, str]:
                 text = _member(archive, name, left)
                 left -= len(text)
                 texts[name] = text.decode("utf-8", "replace")
-    except Unreadable:
+    except UnreadableBundle:
         raise
     except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, OSError, RuntimeError, ValueError) as problem:
-        raise Unreadable(f"is no ZIP archive, or a damaged one ({problem})") from None
+        raise UnreadableBundle(f"is no ZIP archive, or a damaged one ({problem})") from None
     return texts
 
 
@@ -58,11 +58,11 @@ def _member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
     try:
         member = archive.getinfo(FOLDER + name)
     except KeyError:
-        raise Unreadable(f"has no {FOLDER + name}") from None
+        raise UnreadableBundle(f"has no {FOLDER + name}") from None
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise Unreadable(f"has {FOLDER + name} in a packing that is not used for bundles")
+        raise UnreadableBundle(f"has {FOLDER + name} in a packing that is not used for bundles")
     with archive.open(member) as stream:
         content = stream.read(most + 1)
     if len(content) > most:
-        raise Unreadable(f"unpacks to more than {UNPACKED // 1_000_000} MB")
+        raise UnreadableBundle(f"unpacks to more than {UNPACKED // 1_000_000} MB")
     return content

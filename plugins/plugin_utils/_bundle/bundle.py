@@ -21,7 +21,7 @@ from .._verify.observe.observations import Observation
 from .._verify.observe.task_results import list_plan_names, quote_texts
 from .._verify.report.run import Run
 from .anonymous import Anonymous
-from .archive import Unreadable
+from .archive import UnreadableBundle
 from .secrets import ROOM, Secrets, list_texts
 
 FORMAT = 1
@@ -133,17 +133,17 @@ def _cut_part(part: str, most: int) -> str:
 
 
 def read_bundle(texts: Mapping[str, str]) -> Run:
-    """Read a bundle, which may be hostile. Raises Unreadable."""
+    """Read a bundle, which may be hostile. Raises UnreadableBundle."""
     about, plan, observations = (_load(name, texts[name]) for name in JUDGED)
     if about.get("format") != FORMAT:
-        raise Unreadable(f"has the format {plain(about.get('format'), 20)}; this version reads {FORMAT}")
+        raise UnreadableBundle(f"has the format {plain(about.get('format'), 20)}; this version reads {FORMAT}")
     if len(observations) > COMPUTERS or len(plan.get("computers", ())) > COMPUTERS:
-        raise Unreadable(f"has more than {COMPUTERS} computers")
+        raise UnreadableBundle(f"has more than {COMPUTERS} computers")
     try:
         fleet = from_plain(FleetPlan, plan)
         read = {name: from_plain(Observation, entry) for name, entry in observations.items()}
     except (Mismatch, RecursionError) as problem:
-        raise Unreadable(f"does not fit: {plain(problem, LINE)}") from None
+        raise UnreadableBundle(f"does not fit: {plain(problem, LINE)}") from None
     machines = about.get("computers")
     return Run(
         fleet,
@@ -170,9 +170,9 @@ def _load(name: str, text: str) -> dict[str, Any]:
     try:
         data = plain_data(json.loads(text, parse_constant=_refuse_number))
     except (ValueError, RecursionError):
-        raise Unreadable(f"has a {name} that is no JSON, or too deep") from None
+        raise UnreadableBundle(f"has a {name} that is no JSON, or too deep") from None
     if not isinstance(data, dict):
-        raise Unreadable(f"has a {name} that is no mapping")
+        raise UnreadableBundle(f"has a {name} that is no mapping")
     return data
 
 

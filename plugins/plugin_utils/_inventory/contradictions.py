@@ -27,7 +27,7 @@ from .exports import (
     topics_of,
 )
 from .filters import BUILT_IN, SYNC, WHITE_LISTS, Filters, matches, usable
-from .flows import RELAY_PORT, Channel, gives, list_givers, make_flows
+from .flows import RELAY_PORT, PlannedChannel, gives, list_givers, make_flows
 from .model import Fleet, Inventory, Robot, Values
 from .variables import FleetVariables
 
@@ -109,9 +109,9 @@ def find_wrong_frames(fleet: Fleet) -> list[str]:
     return list(problems.values()) + _find_ambiguous_prefixes(fleet)
 
 
-def _list_renamed(fleet: Fleet) -> Iterator[tuple[Robot, list[Channel]]]:
+def _list_renamed(fleet: Fleet) -> Iterator[tuple[Robot, list[PlannedChannel]]]:
     """Yield each robot with its channels to one other robot that has its frames by other names."""
-    found: dict[tuple[str, str], list[Channel]] = defaultdict(list)
+    found: dict[tuple[str, str], list[PlannedChannel]] = defaultdict(list)
     for channel in fleet.channels:
         if channel.entry.frames:
             found[channel.robot, channel.other].append(channel)

@@ -60,7 +60,7 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
 
 
 @dataclass(frozen=True)
-class Channel:
+class PlannedChannel:
     """Topics and services that go from a robot to one other by the relays of the two, and topics that come back.
 
     What the robot calls /scan, the other one calls /kobuki1/scan, with the namespace /kobuki1, which replaces the base.
@@ -97,10 +97,10 @@ def gives(entries: Sequence[Export] | None, robot: str, topic: str) -> bool:
     return entries is None or any(matches(entry.topics, topic) for entry in reaching if not entry.is_relayed)
 
 
-def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Channel, ...]:
+def make_channels(exports: Mapping[str, Sequence[Export] | None]) -> tuple[PlannedChannel, ...]:
     """Make the channels of a fleet of the declaration of each robot."""
     return tuple(
-        Channel(robot, other, entry, _list_back(robot, entry, exports.get(other)))
+        PlannedChannel(robot, other, entry, _list_back(robot, entry, exports.get(other)))
         for robot, entries in exports.items()
         for entry in entries or ()
         if entry.is_relayed

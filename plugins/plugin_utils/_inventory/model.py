@@ -16,7 +16,7 @@ from ipaddress import IPv4Address, IPv4Network
 from typing import Any
 
 from .exports import Export
-from .flows import Channel, Flow, make_channels, make_flows
+from .flows import Flow, PlannedChannel, make_channels, make_flows
 from .kinds import SealedComputer
 from .variables import ComputerVariables, FleetVariables, RobotVariables
 
@@ -219,7 +219,7 @@ class Fleet:
         return make_flows({robot.name: robot.variables.exports for robot in self.robots})
 
     @cached_property
-    def channels(self) -> tuple[Channel, ...]:
+    def channels(self) -> tuple[PlannedChannel, ...]:
         """The channels by the relays of the robots."""
         return make_channels({robot.name: robot.variables.exports for robot in self.robots})
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 
-from .._base.features import Part
+from .._base.features import FeaturePart
 from . import kinds
 
 T = TypeVar("T")
@@ -58,5 +58,5 @@ def make_rows(kind: type[T], values: Mapping[str, Any], **others: Any) -> T:
 class VariableHooks:
     """The variables of a feature, as classes of such fields: those of the fleet, and those of each computer."""
 
-    of_fleet: type[Part] | None = None
-    of_computer: type[Part] | None = None
+    of_fleet: type[FeaturePart] | None = None
+    of_computer: type[FeaturePart] | None = None

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, TypeVar
 
-from .._base.features import Part, load_hooks
+from .._base.features import FeaturePart, load_hooks
 from . import kinds
 from .exports import Export, read_exports, read_frames
 from .rows import Variable, VariableHooks, list_rows, make_rows, row, word
@@ -35,7 +35,7 @@ class ComputerVariables:
     firewall_ports: tuple[str, ...] = row(kinds.ports, [])
     ros_setup: str = row(kinds.setup, "auto")
     shells: str = word("all", "names", "none")
-    features: Mapping[str, Part] = field(default_factory=dict)
+    features: Mapping[str, FeaturePart] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class FleetVariables:
     diagnostics: str = word("local", "exchanged", "none")
     heartbeat_hz: float = row(kinds.number(float, 0.02, 25.5), 1.0)
     offline_after: float = row(kinds.number(float, 3, 3600))
-    features: Mapping[str, Part] = field(default_factory=dict)
+    features: Mapping[str, FeaturePart] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class RobotVariables:
 
 _HOOKS = load_hooks("variables", VariableHooks)
 #: class -> feature -> what that feature adds to it
-_OF_FEATURES: Mapping[type, Mapping[str, type[Part]]] = {
+_OF_FEATURES: Mapping[type, Mapping[str, type[FeaturePart]]] = {
     FleetVariables: {name: hooks.of_fleet for name, hooks in _HOOKS.items() if hooks.of_fleet},
     ComputerVariables: {name: hooks.of_computer for name, hooks in _HOOKS.items() if hooks.of_computer},
 }

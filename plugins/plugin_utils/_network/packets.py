@@ -37,7 +37,7 @@ ELSEWHERE = "elsewhere"
 TTL = 64  # machines that pass a packet on
 
 
-class _End(Exception):
+class _PacketEnd(Exception):
     """The end of a packet: the outcome, and the place."""
 
     def __init__(self, outcome: str, where: str, rule: Cause | None = None) -> None:
@@ -78,15 +78,15 @@ class Trace:
         """Follow the packet from a machine to its end."""
         try:
             if not machine.on:
-                raise _End(OFF, machine.name)
+                raise _PacketEnd(OFF, machine.name)
             if self._local(machine):
                 self.hops.append(Hop(machine.name))
-                raise _End(DELIVERED, machine.name)
+                raise _PacketEnd(DELIVERED, machine.name)
             machine, interface = self._leave(machine, None)
             for unused in range(TTL):
                 machine, interface = self._arrive(machine, interface)
-            raise _End(CIRCLE, self.by)
-        except _End as end:
+            raise _PacketEnd(CIRCLE, self.by)
+        except _PacketEnd as end:
             self.outcome, self.where, self.rule = end.outcome, end.where, end.rule
 
     def _local(self, machine: Machine) -> bool:
@@ -101,14 +101,14 @@ class Trace:
         """Send the packet from a machine to the next one."""
         route = machine.route(self.packet, incoming.name if incoming else "")
         if route is None:
-            raise _End(NO_ROUTE, machine.name)
+            raise _PacketEnd(NO_ROUTE, machine.name)
         if route.kind in NO_WAY:
-            raise _End(REJECTED if route.kind == "prohibit" else CLOSED, machine.name, route.rule)
+            raise _PacketEnd(REJECTED if route.kind == "prohibit" else CLOSED, machine.name, route.rule)
         device, hop = machine.interface(route.device), route.gateway or self.packet.destination
         if incoming is None:
             source = self.packet.source or machine.source(route, self.packet.destination)
             if source is None:
-                raise _End(NO_ADDRESS, machine.name)
+                raise _PacketEnd(NO_ADDRESS, machine.name)
             self.packet = replace(self.packet, source=source)
             self._filter(machine, OUT, "", device.name)
         else:
@@ -116,22 +116,22 @@ class Trace:
         self._translate(machine, device)
         self.hops.append(Hop(machine.name, device.name, hop))
         if self.packet.size > device.mtu and self.packet.whole:
-            raise _End(TOO_LARGE, machine.name)
+            raise _PacketEnd(TOO_LARGE, machine.name)
         return self._cross(machine, device, hop)
 
     def _cross(self, machine: Machine, device: Interface, hop: IPv4Address) -> tuple[Machine, Interface]:
         """Cross a link, as one packet or as fragments that fit."""
         link = self.world.links.get(device.link)
         if link is None or not link.up:
-            raise _End(LINK_DOWN, device.link or machine.name)
+            raise _PacketEnd(LINK_DOWN, device.link or machine.name)
         following, interface = _neighbour(self.world, machine, device, hop)
         if link.apart:
-            raise _End(APART, link.name)
+            raise _PacketEnd(APART, link.name)
         size = min(self.packet.size, device.mtu)
         if link.largest is not None and size > link.largest:
-            raise _End(TOO_LARGE, link.name)
+            raise _PacketEnd(TOO_LARGE, link.name)
         if size > interface.mtu:
-            raise _End(TOO_LARGE, following.name)
+            raise _PacketEnd(TOO_LARGE, following.name)
         return following, interface
 
     def _arrive(self, machine: Machine, interface: Interface) -> tuple[Machine, Interface]:
@@ -142,24 +142,24 @@ class Trace:
             answer = Packet(packet.protocol, packet.source, packet.destination, packet.source_port, packet.port)
             back = machine.route(answer)
             if back is not None and back.rule is not None:
-                raise _End(CLOSED, machine.name, back.rule)
+                raise _PacketEnd(CLOSED, machine.name, back.rule)
             if back is None or back.kind in NO_WAY or (interface.rp_filter == STRICT and back.device != interface.name):
-                raise _End(REVERSE_PATH, machine.name)
+                raise _PacketEnd(REVERSE_PATH, machine.name)
         before = self.known.get((machine.name, packet.destination)) if packet.answer else None
         if before is not None:
             packet = self.packet = replace(packet, destination=before)
         if packet.destination in machine.addresses:
             self.hops.append(Hop(machine.name))
             self._filter(machine, IN, interface.name, "")
-            raise _End(DELIVERED, machine.name)
+            raise _PacketEnd(DELIVERED, machine.name)
         if not interface.forwarding:
-            raise _End(NOT_FORWARDED, machine.name)
+            raise _PacketEnd(NOT_FORWARDED, machine.name)
         return self._leave(machine, interface)
 
     def _filter(self, machine: Machine, chain: str, incoming: str, leaving: str) -> None:
         rule = machine.find_blocking_rule(chain, self.packet, incoming, leaving)
         if rule is not None:
-            raise _End(REJECTED if rule.verdict == REJECT else FILTERED, machine.name, rule)
+            raise _PacketEnd(REJECTED if rule.verdict == REJECT else FILTERED, machine.name, rule)
 
     def _translate(self, machine: Machine, device: Interface) -> None:
         source = self.packet.source
@@ -177,7 +177,7 @@ def masquerades(machine: Machine, device: Interface, packet: Packet) -> bool:
 
 
 def _neighbour(world: World, machine: Machine, device: Interface, hop: IPv4Address) -> tuple[Machine, Interface]:
-    """Return the machine that answers for an address on a link. Raises _End without an answer.
+    """Return the machine that answers for an address on a link. Raises _PacketEnd without an answer.
 
     If two machines have it, either may answer; here it depends on the machine that asks.
     """
@@ -187,8 +187,8 @@ def _neighbour(world: World, machine: Machine, device: Interface, hop: IPv4Addre
         number = zlib.crc32(f"{machine.name} {hop}".encode()) if len(answer) > 1 else 0
         return answer[number % len(answer)]
     if have:
-        raise _End(DOWN if have[0][0].on else OFF, have[0][0].name)
-    raise _End(NOBODY, machine.name)
+        raise _PacketEnd(DOWN if have[0][0].on else OFF, have[0][0].name)
+    raise _PacketEnd(NOBODY, machine.name)
 
 
 def trace(

@@ -15,7 +15,7 @@ from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 from typing import Any, ClassVar
 
-from .._base.features import Part, load_hooks
+from .._base.features import FeaturePart, load_hooks
 from .._base.plain import notation
 from .._inventory.model import Gateway, Router
 
@@ -56,7 +56,7 @@ class Master:
 
 
 @dataclass(frozen=True)
-class Flow:
+class PlannedFlow:
     """Topics, services and parameters that each of `givers` gives to each of `to`."""
 
     givers: tuple[str, ...] = field(metadata=notation(key="from"))
@@ -134,7 +134,7 @@ class PlannedInterface:
     mtu: int
 
 
-class PlanPart(Part):
+class PlanPart(FeaturePart):
     """The part of an optional feature in the plan of a computer, with its effects on the rest of the plan."""
 
     carries: ClassVar[str] = (
@@ -172,7 +172,7 @@ class PlanPart(Part):
 
 
 @dataclass(frozen=True)
-class Interface:
+class PlannedAddress:
     """An address of the computer, and the network that its interface is in."""
 
     network: IPv4Network
@@ -190,7 +190,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Route:
+class PlannedRoute:
     """A route that the computer needs."""
 
     destination: IPv4Network = field(metadata=notation(words=((DEFAULT_ROUTE, "default"),)))
@@ -206,7 +206,7 @@ class ExpectedRoute:
 
 
 @dataclass(frozen=True)
-class Node:
+class NodeProgram:
     """A ROS node to look for: its package, its executable, and the Python modules that it imports."""
 
     package: str
@@ -223,7 +223,7 @@ class LookAt:
     parts: tuple[str, ...] = ()
     destinations: tuple[IPv4Address, ...] = ()
     packages: tuple[str, ...] = ()
-    nodes: tuple[Node, ...] = ()
+    nodes: tuple[NodeProgram, ...] = ()
     folders: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
 
 
@@ -237,7 +237,7 @@ class MulticastRouting:
 
 
 @dataclass(frozen=True)
-class Guard:
+class PlannedGuard:
     """Networks whose addresses come in at one interface only. Its name is COMMON_INTERFACE or OWN_INTERFACE until preflight knows it."""
 
     networks: tuple[IPv4Network, ...]
@@ -249,7 +249,7 @@ class Firewall:
     """The packet filter of a computer. FleetPlan.let_in has the sources that pass it."""
 
     networks: tuple[IPv4Network, ...] = ()  # behind the computer, and protected by it too
-    guards: tuple[Guard, ...] = ()
+    guards: tuple[PlannedGuard, ...] = ()
     also: tuple[IPv4Network, ...] = ()  # sources that pass on this computer alone
     open_ports: tuple[str, ...] = ()  # open to everybody
 
@@ -288,7 +288,7 @@ class ComputerPlan:
     address: IPv4Address
     common_address: IPv4Address | None = None  # None behind a gateway
     network: IPv4Network
-    networks: tuple[Interface, ...] = ()
+    networks: tuple[PlannedAddress, ...] = ()
     is_master: bool = False  # it runs discovery and sync of its robot: the master, or its companion
     is_gateway: bool = False
     is_router: bool = False
@@ -297,7 +297,7 @@ class ComputerPlan:
     ros_setup: str = "auto"
     shells: str = "all"  # or names, or none: what shells get of the environment
     sysctl: tuple[Setting, ...] = ()
-    routes: tuple[Route, ...] = ()
+    routes: tuple[PlannedRoute, ...] = ()
     routes_expected: tuple[ExpectedRoute, ...] = ()
     look_at: LookAt = LookAt()
     multicast_routing: MulticastRouting | None = None
@@ -362,7 +362,7 @@ class FleetPlan:
 
     hosts_entries: tuple[HostsEntry, ...] = ()
     masters: tuple[Master, ...] = ()
-    flows: tuple[Flow, ...] = ()
+    flows: tuple[PlannedFlow, ...] = ()
     common_network: IPv4Network
     networks: tuple[RobotNetwork, ...] = ()
     router: Router | None = None

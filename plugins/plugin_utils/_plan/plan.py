@@ -78,11 +78,11 @@ def _make_master(fleet: Fleet, robot: Robot) -> model.Master:
     )
 
 
-def _flows(fleet: Fleet) -> tuple[model.Flow, ...]:
+def _flows(fleet: Fleet) -> tuple[model.PlannedFlow, ...]:
     """Return the declared flows, the receivers by name."""
     robots = [robot.name for robot in fleet.robots]
     return tuple(
-        model.Flow(
+        model.PlannedFlow(
             givers=flow.givers,
             to=flow.to or tuple(robot for robot in robots if robot not in flow.givers),
             topics=flow.topics,
@@ -219,33 +219,33 @@ def _plan_router(fleet: Fleet, router: Router) -> model.ComputerPlan:
         address=router.address,
         common_address=router.address,
         network=fleet.variables.common_network,
-        networks=(model.Interface(fleet.variables.common_network, router.address),),
+        networks=(model.PlannedAddress(fleet.variables.common_network, router.address),),
         is_router=True,
         roscore="existing",
         sysctl=FORWARDING + NO_REDIRECTS,
         routes=tuple(
-            model.Route(robot.network, robot.gateway.common_address) for robot in fleet.robots if robot.gateway
+            model.PlannedRoute(robot.network, robot.gateway.common_address) for robot in fleet.robots if robot.gateway
         ),
         firewall=model.Firewall(_networks_behind_router(fleet)) if fleet.variables.firewall == "fleet" else None,
         look_at=model.LookAt(parts=LOOKED_AT),
     )
 
 
-def _interfaces(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Interface, ...]:
-    own = model.Interface(robot.network, computer.address)
+def _interfaces(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.PlannedAddress, ...]:
+    own = model.PlannedAddress(robot.network, computer.address)
     if robot.gateway is None or computer.common_address is None:
         return (own,)
-    return own, model.Interface(fleet.variables.common_network, computer.common_address)
+    return own, model.PlannedAddress(fleet.variables.common_network, computer.common_address)
 
 
-def _routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Route, ...]:
+def _routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.PlannedRoute, ...]:
     """Return the routes of a computer: behind a gateway the report's default route, unless the robot wants networks."""
     if robot.gateway and not computer.common_address and robot.variables.routes == "default":
-        return (model.Route(model.DEFAULT_ROUTE, robot.gateway.address),)
+        return (model.PlannedRoute(model.DEFAULT_ROUTE, robot.gateway.address),)
     return list_network_routes(fleet, robot, computer)
 
 
-def list_network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.Route, ...]:
+def list_network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.PlannedRoute, ...]:
     """Return a route to each other network.
 
     On the common network it leads to the other robot's gateway itself. The router would send the packets back on the
@@ -253,9 +253,9 @@ def list_network_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple
     """
     others = [(other.network, other.gateway) for other in fleet.robots if other.gateway and other != robot]
     if computer.common_address:
-        return tuple(model.Route(network, gateway.common_address) for network, gateway in others)
+        return tuple(model.PlannedRoute(network, gateway.common_address) for network, gateway in others)
     networks = [fleet.variables.common_network, *(network for network, _gateway in others)]
-    return tuple(model.Route(network, robot.gateway.address) for network in networks if robot.gateway)
+    return tuple(model.PlannedRoute(network, robot.gateway.address) for network in networks if robot.gateway)
 
 
 def _list_expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tuple[model.ExpectedRoute, ...]:
@@ -302,7 +302,7 @@ def _firewall(
     )
 
 
-def _list_guards(fleet: Fleet, robot: Robot, computer: Computer) -> Iterator[model.Guard]:
+def _list_guards(fleet: Fleet, robot: Robot, computer: Computer) -> Iterator[model.PlannedGuard]:
     """Yield the networks whose addresses come in at one interface of the computer only.
 
     The own network of a robot is at the interface there. What is in an overlay comes by it, and behind a gateway from the gateway.
@@ -316,9 +316,9 @@ def _list_guards(fleet: Fleet, robot: Robot, computer: Computer) -> Iterator[mod
     if computer.common_address is None:
         own, common = (*own, *common), []
     if common:
-        yield model.Guard(tuple(common), model.COMMON_INTERFACE)
+        yield model.PlannedGuard(tuple(common), model.COMMON_INTERFACE)
     if own:
-        yield model.Guard(own, model.OWN_INTERFACE)
+        yield model.PlannedGuard(own, model.OWN_INTERFACE)
 
 
 def _let_in(fleet: Fleet, belonging: model.Membership) -> tuple[IPv4Network, ...]:

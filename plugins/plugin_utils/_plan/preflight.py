@@ -19,7 +19,7 @@ from .._base.plain_text import LINE, quote
 from .._inventory.flows import RELAY_PORT
 from . import environment, overlaps, providers, set_up, units
 from .hooks import PlanHooks
-from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, Interface, Port, RobotNetwork, Setting
+from .model import COMMON_INTERFACE, OWN_INTERFACE, ComputerPlan, PlannedAddress, Port, RobotNetwork, Setting
 
 # The units of the collection. They may hold the ports of the plan.
 # multimaster-border.service is the former name of multimaster-relay.service: it holds the relay's port until this run stops it.
@@ -244,7 +244,7 @@ def _is_due(planned: object, record: str, info: Mapping[str, Any]) -> bool:
     return planned is not None or any(record in name for name in info.get("owned", ()))
 
 
-def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interface) -> tuple[str, list[str]]:
+def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: PlannedAddress) -> tuple[str, list[str]]:
     """Return the name of the interface with an address of the plan, and its problems. Of several, one without problems counts."""
     places = [(interface, entry) for interface in info["interfaces"] for entry in interface["addresses"]]
     # An address that a feature makes is its own interface's, whoever else has it; the feature refuses the others.
@@ -264,7 +264,7 @@ def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: Interfa
     return name, found[name]
 
 
-def _list_made(plan: ComputerPlan, wanted: Interface) -> list[str]:
+def _list_made(plan: ComputerPlan, wanted: PlannedAddress) -> list[str]:
     return [one.name for one in plan.interfaces_to_come if one.address == wanted.address]
 
 
@@ -272,7 +272,7 @@ def _has_guards(plan: ComputerPlan) -> bool:
     return bool(plan.firewall and plan.firewall.guards)
 
 
-def _describe_several(plan: ComputerPlan, names: Sequence[str], wanted: Interface) -> str:
+def _describe_several(plan: ComputerPlan, names: Sequence[str], wanted: PlannedAddress) -> str:
     """Say that several interfaces have an address of the plan, where a guard needs one."""
     return (
         f"{plan.computer}: {_variable(plan, wanted)} {wanted.address} is on {' and on '.join(map(quote, names))}; expected it on one interface alone, "
@@ -282,7 +282,7 @@ def _describe_several(plan: ComputerPlan, names: Sequence[str], wanted: Interfac
 
 
 def _describe_absence(
-    plan: ComputerPlan, places: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], wanted: Interface
+    plan: ComputerPlan, places: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], wanted: PlannedAddress
 ) -> str:
     """Say that no interface has an address of the plan, and what the machine has instead."""
     outer = [(interface["name"], entry["address"]) for interface, entry in places if not interface["loopback"]]
@@ -298,7 +298,9 @@ def _describe_absence(
     )
 
 
-def _check_interface(plan: ComputerPlan, wanted: Interface, interface: Mapping[str, Any], prefix: int) -> Iterator[str]:
+def _check_interface(
+    plan: ComputerPlan, wanted: PlannedAddress, interface: Mapping[str, Any], prefix: int
+) -> Iterator[str]:
     name = quote(interface["name"])
     place = f"{name} with {_variable(plan, wanted)} {wanted.address}"
     sends = plan.is_master and plan.discovery["send_mcast"] and str(plan.discovery["interface"]) == str(wanted.address)
@@ -346,7 +348,7 @@ def _check_interface(plan: ComputerPlan, wanted: Interface, interface: Mapping[s
         )
 
 
-def _variable(plan: ComputerPlan, wanted: Interface) -> str:
+def _variable(plan: ComputerPlan, wanted: PlannedAddress) -> str:
     return "multimaster_address" if wanted.address == plan.address else "multimaster_common_address"
 
 

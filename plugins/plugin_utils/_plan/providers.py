@@ -14,7 +14,7 @@ from typing import Any
 
 from .._base.plain_text import quote
 from . import quotes
-from .model import ComputerPlan, Node
+from .model import ComputerPlan, NodeProgram
 
 # Releases of upstream
 
@@ -72,16 +72,16 @@ def packages_to_look_for(provider: str, is_master: bool) -> tuple[str, ...]:
     return tuple(name for distribution in DISTRIBUTIONS for name in debian_packages(distribution, is_master))
 
 
-def nodes_to_look_for(provider: str) -> tuple[Node, ...]:
+def nodes_to_look_for(provider: str) -> tuple[NodeProgram, ...]:
     """Return the nodes for multimaster_info to look for."""
     return tuple(node for release in RELEASES for node in _nodes(release)) if provider == "fkie_existing" else ()
 
 
-def _nodes(release: Release) -> tuple[Node, ...]:
+def _nodes(release: Release) -> tuple[NodeProgram, ...]:
     messages = (f"{release.messages}.msg", f"{release.messages}.srv")
     parts = zip((release.discovery, release.sync), release.executables, MODULES, strict=True)
     return tuple(
-        Node(
+        NodeProgram(
             package,
             executable,
             (*release.needs, f"{package}.{module}", *messages),

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from .._base.plain_text import LINE, VALUE, plain, plain_lines, quote
-from .documentation import DIFFERENCE, DIFFERENCES, Answer, Kind
+from .documentation import DIFFERENCE, DIFFERENCES, Answer, ValueType
 
 MOST_TEXT = 16 << 20  # characters of an answer
 MOST_VALUES = 1_000_000
@@ -59,12 +59,12 @@ def check_answer(text: str, answer: Answer) -> CheckedAnswer:
     """Return the documented part of the text that a robot has answered. Raises StrangeAnswer."""
     data = _parse(text)
     _refuse_orders(data)
-    reader = _Reader()
+    reader = _AnswerReader()
     result = {name: reader.read_value(kind, data[name], name) for name, kind in answer.items() if name in data}
     _refuse_gaps(result, answer)
     if CHANGES in data:
         kind = DIFFERENCES if isinstance(data[CHANGES], list) else DIFFERENCE
-        result[CHANGES] = _Reader(plain_lines).read_value(kind, data[CHANGES], CHANGES)
+        result[CHANGES] = _AnswerReader(plain_lines).read_value(kind, data[CHANGES], CHANGES)
     warnings = [plain(text, LINE) for name in MESSAGES for text in _messages(data.get(name))]
     if warnings:
         result["warnings"] = warnings
@@ -91,7 +91,7 @@ def _refuse_gaps(result: Result, answer: Answer) -> None:
         raise StrangeAnswer(f"no {missing[0]}")
 
 
-def _is_promised(kind: Kind, failed: bool) -> bool:
+def _is_promised(kind: ValueType, failed: bool) -> bool:
     """Return True if each answer has a value of this kind. A single text or number may be missing all the same."""
     words = ("always",) if failed else ("always", "success")
     return kind.returned in words and kind.type in ("bool", "dict", "list")
@@ -140,14 +140,14 @@ def _messages(value: Any) -> Iterator[str]:
             yield entry
 
 
-class _Reader:
+class _AnswerReader:
     """Reads values by their kinds, and notes the keys that it leaves out. Only the texts of differences have several lines."""
 
     def __init__(self, clean: Callable[[str, int], str] = plain) -> None:
         self.left_out: list[str] = []
         self._clean = clean
 
-    def read_value(self, kind: Kind, data: Any, place: str, depth: int = 1) -> Any:
+    def read_value(self, kind: ValueType, data: Any, place: str, depth: int = 1) -> Any:
         """Return a value of this kind. None fits every kind. Raises StrangeAnswer."""
         if depth > DEEPEST:
             raise StrangeAnswer(f"values more than {DEEPEST} deep in each other at {place}")
@@ -158,17 +158,17 @@ class _Reader:
         if isinstance(data, str):
             return self._clean(data, VALUE)
         if isinstance(data, list):
-            item = kind.each or Kind("raw")
+            item = kind.each or ValueType("raw")
             return [self.read_value(item, part, f"{place}[{at}]", depth + 1) for at, part in enumerate(data)]
         if isinstance(data, Mapping):
             return self._read_mapping(kind, data, place, depth)
         return data
 
-    def _read_mapping(self, kind: Kind, data: Mapping[str, Any], place: str, depth: int) -> Result:
+    def _read_mapping(self, kind: ValueType, data: Mapping[str, Any], place: str, depth: int) -> Result:
         if TAG in data:
             raise StrangeAnswer(f"a type of Ansible's own at {place}")
         if kind.parts is None:
-            item = kind.each or Kind("raw")
+            item = kind.each or ValueType("raw")
             return {
                 plain(name, LINE): self.read_value(item, part, f"{place}.{quote(name, NAME)}", depth + 1)
                 for name, part in data.items()

@@ -24,21 +24,23 @@ SECTION = re.compile(r'^RETURN = r"""\n(.*?)^"""', re.MULTILINE | re.DOTALL)
 
 
 @dataclass(frozen=True)
-class Kind:
+class ValueType:
     """The type of a value, in the words of Ansible's documentation."""
 
     type: str  # str, int, float, bool, list, dict or raw
-    parts: Mapping[str, Kind] | None = None  # of a mapping, or of each mapping of a list; None: any keys
-    each: Kind | None = None  # of each entry of a list, and of each value of a mapping with any keys; None: any value
+    parts: Mapping[str, ValueType] | None = None  # of a mapping, or of each mapping of a list; None: any keys
+    each: ValueType | None = (
+        None  # of each entry of a list, and of each value of a mapping with any keys; None: any value
+    )
     returned: str = ""  # when, as the documentation says it; "always" and "success" are promises
 
 
-TEXT, YES_NO = Kind("str"), Kind("bool")
-DIFFERENCE = Kind("dict", dict.fromkeys(("before", "after", "before_header", "after_header", "prepared"), TEXT))
-DIFFERENCES = Kind("list", each=DIFFERENCE)
+TEXT, YES_NO = ValueType("str"), ValueType("bool")
+DIFFERENCE = ValueType("dict", dict.fromkeys(("before", "after", "before_header", "after_header", "prepared"), TEXT))
+DIFFERENCES = ValueType("list", each=DIFFERENCE)
 
 #: the keys of Ansible's own part of a module
-COMMON: Mapping[str, Kind] = {**dict.fromkeys(("changed", "failed", "skipped"), YES_NO), "msg": TEXT}
+COMMON: Mapping[str, ValueType] = {**dict.fromkeys(("changed", "failed", "skipped"), YES_NO), "msg": TEXT}
 #: module -> key of its answer that another module documents -> that module, and the key there (all of its keys where it is empty)
 ELSEWHERE: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "multimaster_verify": {"machine": ("multimaster_info", ""), "multicast": ("multicast_verify", "")},
@@ -50,7 +52,7 @@ RUNS = (
     *("hosts_entries", "multimaster_packages", "managed_files", "managed_services"),
 )
 
-Answer = Mapping[str, Kind]
+Answer = Mapping[str, ValueType]
 
 
 def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
@@ -61,10 +63,10 @@ def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
     own = _read_contract(module) if module in ANSWERS else _read_section(text_of(module))
     for key, (other, part) in ELSEWHERE.get(module, {}).items():
         answer = read_documentation(other, text_of)
-        own[key] = answer[part] if part else Kind("dict", answer)
+        own[key] = answer[part] if part else ValueType("dict", answer)
     if module == "multimaster_computer":
-        runs = {name: Kind("dict", read_documentation(name, text_of)) for name in RUNS}
-        own["concerns"] = Kind("dict", {name: Kind("list", each=run) for name, run in runs.items()})
+        runs = {name: ValueType("dict", read_documentation(name, text_of)) for name in RUNS}
+        own["concerns"] = ValueType("dict", {name: ValueType("list", each=run) for name, run in runs.items()})
     own.pop("diff", None)  # in any module as Ansible has it
     return {**COMMON, **own}
 
@@ -72,28 +74,28 @@ def read_documentation(module: str, text_of: Callable[[str], str]) -> Answer:
 _SCALARS = {str: "str", int: "int", float: "float", bool: "bool", Any: "raw"}
 
 
-def _read_contract(module: str) -> dict[str, Kind]:
+def _read_contract(module: str) -> dict[str, ValueType]:
     return {name: kind for part in ANSWERS[module] for name, kind in _make_parts(part).items()}
 
 
-def _make_parts(struct: type[Struct]) -> dict[str, Kind]:
+def _make_parts(struct: type[Struct]) -> dict[str, ValueType]:
     return {name: replace(make_kind(entry.kind), returned=entry.returned) for name, entry in struct.FIELDS.items()}
 
 
-def make_kind(hint: Any) -> Kind:
+def make_kind(hint: Any) -> ValueType:
     """Return the type of a field of the contract as the type of a value."""
     hint = strip_optional(hint)
     if is_struct(hint):
-        return Kind("dict", _make_parts(hint))
+        return ValueType("dict", _make_parts(hint))
     if is_list(hint):
-        return Kind("list", each=make_kind(list_arguments(hint)[0]))
+        return ValueType("list", each=make_kind(list_arguments(hint)[0]))
     if is_generic(hint):
         each = list_arguments(hint)[1]
-        return Kind("dict", each=None if each is Any else make_kind(each))
-    return TEXT if isinstance(hint, type) and issubclass(hint, enum.Enum) else Kind(_SCALARS[hint])
+        return ValueType("dict", each=None if each is Any else make_kind(each))
+    return TEXT if isinstance(hint, type) and issubclass(hint, enum.Enum) else ValueType(_SCALARS[hint])
 
 
-def _read_section(text: str) -> dict[str, Kind]:
+def _read_section(text: str) -> dict[str, ValueType]:
     section = SECTION.search(text)
     if section is None:
         raise KeyError("RETURN")
@@ -103,13 +105,15 @@ def _read_section(text: str) -> dict[str, Kind]:
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def _kinds(entries: Mapping[str, Any]) -> dict[str, Kind]:
+def _kinds(entries: Mapping[str, Any]) -> dict[str, ValueType]:
     return {str(name): _kind(entry) for name, entry in entries.items()}
 
 
-def _kind(entry: Mapping[str, Any]) -> Kind:
+def _kind(entry: Mapping[str, Any]) -> ValueType:
     kind, contains, elements = str(entry.get("type", "raw")), entry.get("contains"), entry.get("elements")
     parts, returned = _kinds(contains) if contains else None, str(entry.get("returned", ""))
     if kind == "list":
-        return Kind(kind, None, Kind("dict", parts) if parts is not None else Kind(str(elements or "raw")), returned)
-    return Kind(kind, parts, Kind(str(elements)) if elements else None, returned)
+        return ValueType(
+            kind, None, ValueType("dict", parts) if parts is not None else ValueType(str(elements or "raw")), returned
+        )
+    return ValueType(kind, parts, ValueType(str(elements)) if elements else None, returned)

@@ -17,7 +17,7 @@ _INTERFACE = re.compile(r"[A-Za-z0-9_.:@-]{1,15}")
 _Network = typing.Union[ipaddress.IPv4Network, ipaddress.IPv6Network]
 
 
-class Port(typing.NamedTuple):
+class OpenPort(typing.NamedTuple):
     """A port that stays open to all senders."""
 
     protocol: str  # tcp or udp
@@ -36,7 +36,7 @@ class PacketFilter(typing.NamedTuple):
 
     members: typing.Tuple[str, ...]  # addresses and networks, of IPv4 and of IPv6
     networks: typing.Tuple[str, ...]  # of IPv4; the computer itself is always protected
-    open_ports: typing.Tuple[Port, ...]
+    open_ports: typing.Tuple[OpenPort, ...]
     ssh: typing.Tuple[int, ...] = ()  # TCP ports that the filter does not touch: rules of others decide about them
     guards: typing.Tuple[Guard, ...] = ()
 
@@ -120,8 +120,8 @@ def _format_network(network: _Network) -> str:
     return str(network.network_address) if network.num_addresses == 1 else str(network)
 
 
-def _parse_port(text: str) -> Port:
+def _parse_port(text: str) -> OpenPort:
     match = _PORT.fullmatch(text)
     if not match or not 0 < int(match.group(1)) <= LAST:
         raise Problem(f"open_ports has {text!r}, expected a port and its protocol, for example 51820/udp: correct it.")
-    return Port(match.group(2), int(match.group(1)))
+    return OpenPort(match.group(2), int(match.group(1)))

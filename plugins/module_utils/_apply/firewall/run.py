@@ -49,7 +49,7 @@ def has_systemd() -> bool:
     return os.path.isdir("/run/systemd/system")
 
 
-class Run(ModuleRun):
+class FirewallRun(ModuleRun):
     """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
 
     def __init__(self, options: typing.Mapping[str, typing.Any]) -> None:
@@ -68,7 +68,7 @@ class Run(ModuleRun):
         self.record_after = self._plan_record()
         self.removed = [one.name for one in self.back_ends if one.before and one.packet_filter is None]
         self.runtime_changes = any(back_end.changes for back_end in self.back_ends)
-        self.watch = network_state.Watch(filtered=True)
+        self.watch = network_state.StateWatch(filtered=True)
         self.changed = bool(
             self.runtime_changes
             or self.files.changed
@@ -219,4 +219,4 @@ def _load_and_check(back_end: BackEnd) -> None:
         )
 
 
-CONCERN = Concern("firewall", OPTIONS, lambda module, memory: Run(module.params), "packet filter rules")
+CONCERN = Concern("firewall", OPTIONS, lambda module, memory: FirewallRun(module.params), "packet filter rules")

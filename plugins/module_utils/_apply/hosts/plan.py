@@ -31,7 +31,7 @@ _HEADING = b"# The following lines are desirable for IPv6 capable hosts"
 _Item = typing.Dict[str, typing.Any]
 
 
-class Plan(typing.NamedTuple):
+class HostsPlan(typing.NamedTuple):
     """The new content of the file (None: no file), and the report as the module returns it."""
 
     content: typing.Optional[bytes]
@@ -78,7 +78,7 @@ def _is_created(text: bytes) -> bool:
     return text.rstrip() == _CREATED
 
 
-def plan(content: typing.Optional[bytes], bindings: typing.List[Binding]) -> Plan:
+def plan(content: typing.Optional[bytes], bindings: typing.List[Binding]) -> HostsPlan:
     """Plan the file for these bindings (content None: there is no file); without bindings, the rollback.
 
     plan(plan(x, a).content, []).content is x for every x without owned lines, and a second plan changes nothing.
@@ -99,11 +99,11 @@ def plan(content: typing.Optional[bytes], bindings: typing.List[Binding]) -> Pla
 
 def _report(
     lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bound, managed: typing.Dict[_Key, Binding]
-) -> Plan:
+) -> HostsPlan:
     left = [line for line in lines if line.wanted is not None]
     position = {line: number for number, line in enumerate(left, 1)}
     user_lines = [line for line in left if line.user is not None]
-    return Plan(
+    return HostsPlan(
         content=_content(lines, left, rollback=not bindings),
         entries=[_entry(binding, bound[binding], position) for binding in bindings],
         removed=[_removal(line) for line in lines if line.wanted is None and not line.created],

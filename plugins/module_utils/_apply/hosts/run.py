@@ -37,7 +37,7 @@ _EFFECTS = {
 }
 
 
-class Run(ModuleRun):
+class HostsRun(ModuleRun):
     """The run, planned from the options of the module."""
 
     def __init__(
@@ -210,4 +210,4 @@ class Run(ModuleRun):
         return f"Line {item['line']} ({quote(before)}) no longer binds {name} to loopback; of it remains: {quote(after) or 'nothing'}."
 
 
-CONCERN = Concern("hosts_entries", OPTIONS, lambda module, memory: Run(module.params, module.backup_local))
+CONCERN = Concern("hosts_entries", OPTIONS, lambda module, memory: HostsRun(module.params, module.backup_local))

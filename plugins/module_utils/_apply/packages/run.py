@@ -35,7 +35,7 @@ _REPLACED = re.compile(r"# ([a-z0-9][a-z0-9+.-]+) replaced ([a-z0-9 +.-]+)")
 _REMOVAL = re.compile(r"^Remv ([a-z0-9][a-z0-9+.-]+)", re.MULTILINE)
 
 
-class Changes(typing.NamedTuple):
+class PackageChanges(typing.NamedTuple):
     """The names of packages."""
 
     new: typing.List[str]  # wanted and not installed
@@ -46,7 +46,7 @@ class Changes(typing.NamedTuple):
 
 def changes(
     wanted: typing.Sequence[str], installed: typing.Collection[str], ours: typing.Sequence[str], keep: bool
-) -> Changes:
+) -> PackageChanges:
     """Compare the wanted packages with the installed ones, and with those that the collection has installed (`ours`).
 
     With `keep`, what is wanted no more stays.
@@ -54,7 +54,7 @@ def changes(
     new = [name for name in wanted if name not in installed]
     leftover = [] if keep else [name for name in ours if name not in wanted]
     intent = sorted({*ours, *new})
-    return Changes(new, leftover, intent, [name for name in intent if name not in leftover])
+    return PackageChanges(new, leftover, intent, [name for name in intent if name not in leftover])
 
 
 def read_replaced(record: str) -> typing.Dict[str, typing.List[str]]:

@@ -9,15 +9,15 @@ import typing
 from ..._base.difference import difference, mode_difference
 from ..._base.problem import Problem, sentence
 from ..transaction import atomic
-from .kernel import Route, format_route
-from .managers.contract import Machine, PlannedTexts, RoutesByInterface
+from .kernel import RouteSpec, format_route
+from .managers.contract import MachineContext, PlannedTexts, RoutesByInterface
 from .managers.table import AUTO, BACKENDS
 from .options import RouteRequest
 from .plan import Entries
-from .record import Place, RoutesRecord
+from .record import PlaceRecord, RoutesRecord
 
 
-def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes: typing.List[Route]) -> None:
+def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes: typing.List[RouteSpec]) -> None:
     """Raises Problem for what a back end has no word for."""
     for route in routes:
         fields = [field for field in inexpressible if getattr(route, field)]
@@ -35,7 +35,7 @@ Choice = typing.Dict[str, RoutesByInterface]
 class Boot:
     """The places of the boot part: their contents now, and their wanted contents."""
 
-    def __init__(self, machine: Machine, record: RoutesRecord) -> None:
+    def __init__(self, machine: MachineContext, record: RoutesRecord) -> None:
         """Read the places; changes nothing. Raises Problem where something in a place of ours is not ours."""
         self.machine = machine
         self.recorded = record
@@ -47,7 +47,7 @@ class Boot:
         self.modes: typing.Dict[str, int] = {}  # of our files whose mode was changed by hand
         #: back end -> its places that change, or that a killed run has written before its manager read them
         self.changes: typing.Dict[str, typing.List[str]] = {}
-        self.places: typing.Dict[str, Place] = {}  # the record of the places after the change
+        self.places: typing.Dict[str, PlaceRecord] = {}  # the record of the places after the change
 
     def _list_texts(self, backend: str) -> typing.Dict[str, typing.List[str]]:
         return {name: place.texts for name, place in self.recorded.places.items() if place.backend == backend}
@@ -94,18 +94,18 @@ class Boot:
                     differing.add(place)
                 if text is not None:
                     all_routes = [route for interface_routes in routes[place].values() for route in interface_routes]
-                    self.places[place] = Place(name, [text], all_routes)
+                    self.places[place] = PlaceRecord(name, [text], all_routes)
             if differing:
                 backend.check(wanted)
                 self.changes[name] = sorted(differing)
             self.wanted.update(wanted)
         self.folders += [folder for folder in self._find_missing_folders() if folder not in self.folders]
 
-    def is_new(self, backend: str, place: typing.Optional[str], route: Route) -> bool:
+    def is_new(self, backend: str, place: typing.Optional[str], route: RouteSpec) -> bool:
         """True where a route is new at its place, or the place was changed by hand."""
         if place is None or place not in self.changes.get(backend, []):
             return False
-        recorded = self.recorded.places.get(place, Place(backend, [], []))
+        recorded = self.recorded.places.get(place, PlaceRecord(backend, [], []))
         untouched = self.before.get(place) in recorded.texts
         return not untouched or place in self.modes or route not in recorded.routes
 
@@ -142,7 +142,7 @@ class Boot:
         places = dict(self.recorded.places)
         for name, changed in self.changes.items():
             for place in changed:
-                entry = places.get(place, Place(name, [], []))
+                entry = places.get(place, PlaceRecord(name, [], []))
                 texts = [self.before.get(place), self.wanted.get(place)]
                 new = [text for text in texts if text is not None and text not in entry.texts]
                 places[place] = entry._replace(texts=entry.texts + new)

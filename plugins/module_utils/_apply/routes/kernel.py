@@ -29,7 +29,7 @@ Fields = typing.Dict[str, typing.Any]  # the fields of a route or of one of its 
 Key = typing.Tuple[int, str, int, int]  # version, destination, table, metric
 
 
-class Route(typing.NamedTuple):
+class RouteSpec(typing.NamedTuple):
     """A route that a user can ask for. Every field has a value; no default of the kernel or a manager applies."""
 
     destination: str  # CIDR in normal form; "0.0.0.0/0" and "::/0" are the default routes
@@ -56,7 +56,7 @@ class Route(typing.NamedTuple):
         return (self.version, self.destination, self.table, self.metric)
 
     @property
-    def way(self) -> "Route":
+    def way(self) -> "RouteSpec":
         """The route without `on_link`, which only allows a gateway that the kernel would refuse."""
         return self._replace(on_link=False)
 
@@ -70,7 +70,7 @@ class Route(typing.NamedTuple):
             "table": self.table,
         }
 
-    def fits(self, other: "Route") -> bool:
+    def fits(self, other: "RouteSpec") -> bool:
         """True where the other route goes this way. What this one leaves to the kernel may be anything in the other one."""
         plain = other._replace(scope="", mtu=0, advmss=0, initcwnd=0)
         return self.way in (other.way, plain.way)
@@ -79,7 +79,7 @@ class Route(typing.NamedTuple):
 class KernelRoute(typing.NamedTuple):
     """A route that the kernel holds."""
 
-    route: Route
+    route: RouteSpec
     protocol: str  # rtnetlink(7): boot, static, dhcp, kernel, ...
     words: typing.Tuple[str, ...]  # the words with which `ip route replace` makes it again
     inexpressible: typing.Tuple[str, ...]  # its attributes that these words cannot express
@@ -93,7 +93,7 @@ class KernelRoute(typing.NamedTuple):
 # From a route to the words of `ip`
 
 
-def to_words(route: Route, metrics: typing.Iterable[str] = PATH) -> typing.List[str]:
+def to_words(route: RouteSpec, metrics: typing.Iterable[str] = PATH) -> typing.List[str]:
     """The words behind `ip route replace` that make a route, with these metrics of its path in this order."""
     words = [] if route.type == "unicast" else [route.type]
     words.append("default" if route.destination in DEFAULTS.values() else route.destination)
@@ -105,7 +105,7 @@ def to_words(route: Route, metrics: typing.Iterable[str] = PATH) -> typing.List[
     return words + [word for name in metrics if getattr(route, name) for word in (name, str(getattr(route, name)))]
 
 
-def _option_words(route: Route) -> typing.List[str]:
+def _option_words(route: RouteSpec) -> typing.List[str]:
     """The words for source, metric, table and on_link."""
     words = ["src", route.source] if route.source else []
     if route.metric:
@@ -117,7 +117,7 @@ def _option_words(route: Route) -> typing.List[str]:
     return words
 
 
-def format_route(route: Route) -> str:
+def format_route(route: RouteSpec) -> str:
     """A route of ours as `ip route` will write it, in the form of KernelRoute.text."""
     scope = route.scope or usual_scope(route.type, route.gateway)
     unsaid = scope == "global" or route.version == 6 or route.type in NO_WAY
@@ -172,13 +172,13 @@ def parse_route(line: str, version: int, table: int) -> KernelRoute:
     return KernelRoute(route, protocol, tuple(words), tuple(inexpressible))
 
 
-def _parse_fields(fields: Fields, version: int, table: int) -> Route:
+def _parse_fields(fields: Fields, version: int, table: int) -> RouteSpec:
     kind, gateway = fields["type"], fields.get("via", [""])[-1]
     destination = DEFAULTS[version] if fields["dst"] == "default" else fields["dst"]
     # With IPv6, several next hops, and without a way, a scope says nothing: NetworkManager gives a blackhole another one than ip.
     scope = "" if version == 6 or "nexthops" in fields or kind in NO_WAY else fields.get("scope", "")
     numbers = {name: fields.get(name, "0") for name in PATH}
-    return Route(
+    return RouteSpec(
         destination=str(ipaddress.ip_network(destination)),
         gateway=gateway,
         device="" if kind in NO_WAY else fields.get("dev", ""),  # IPv6 names lo for a blackhole

@@ -9,22 +9,22 @@ import typing
 
 from ..._base.plain_text import quote
 from ..._base.problem import Problem
-from ..._machine.network import Interface
-from .kernel import DEFAULTS, METRICS, NO_WAY, PATH, Key, Route, format_destination, format_route, usual_scope
+from ..._machine.network import NetworkInterface
+from .kernel import DEFAULTS, METRICS, NO_WAY, PATH, Key, RouteSpec, format_destination, format_route, usual_scope
 
 _LARGEST = 2**32 - 1
 _LOCAL = 255  # the table local, which belongs to the kernel
 
 Suboptions = typing.Mapping[str, typing.Any]  # one item of the option, every suboption set
-Interfaces = typing.Mapping[str, Interface]  # by name
+Interfaces = typing.Mapping[str, NetworkInterface]  # by name
 Tables = typing.Mapping[str, int]  # the numbers of the routing tables that have names
-Links = typing.Callable[[int], typing.Iterable[Route]]  # version of IP -> the routes of the table main
+Links = typing.Callable[[int], typing.Iterable[RouteSpec]]  # version of IP -> the routes of the table main
 
 
 class RouteRequest(typing.NamedTuple):
     """One route of the option, and what the option says about the boot."""
 
-    route: Route
+    route: RouteSpec
     boot_device: str  # the interface that brings the route back at boot; "" where any interface will do
     backend: str
 
@@ -71,7 +71,7 @@ def _parse_route(fields: Suboptions, where: str, interfaces: Interfaces, links: 
     _check_number("table", fields["table"], 1, where)
     for name in PATH:
         _check_number(name, fields.get(name) or 0, 0, where)
-    route = Route(
+    route = RouteSpec(
         destination=destination,
         gateway=gateway,
         device="" if fields["type"] in NO_WAY else device,
@@ -198,7 +198,7 @@ def _check_number(option: str, value: int, least: int, where: str) -> None:
 
 
 def check_usable(
-    items: typing.List[RouteRequest], interfaces: Interfaces, kernel_routes: typing.Iterable[Route]
+    items: typing.List[RouteRequest], interfaces: Interfaces, kernel_routes: typing.Iterable[RouteSpec]
 ) -> None:
     """Raises Problem for a route that the kernel would refuse now. `kernel_routes`: the kernel's routes."""
     own = {str(address.ip) for link in interfaces.values() for address in link.networks}
@@ -210,7 +210,7 @@ def check_usable(
             _check_gateway(route, interfaces, own, routes)
 
 
-def _check_ends(route: Route, interfaces: Interfaces, own: typing.Set[str]) -> None:
+def _check_ends(route: RouteSpec, interfaces: Interfaces, own: typing.Set[str]) -> None:
     """The interface must be up, and the source must be one of our own addresses."""
     where = f"routes: {format_route(route)}"
     if route.device and not interfaces[route.device].up:
@@ -221,7 +221,9 @@ def _check_ends(route: Route, interfaces: Interfaces, own: typing.Set[str]) -> N
         )
 
 
-def _check_gateway(route: Route, interfaces: Interfaces, own: typing.Set[str], routes: typing.Iterable[Route]) -> None:
+def _check_gateway(
+    route: RouteSpec, interfaces: Interfaces, own: typing.Set[str], routes: typing.Iterable[RouteSpec]
+) -> None:
     """The gateway must be a different computer, in a network on the link."""
     where = f"routes: {format_route(route)}"
     if route.gateway in own:
@@ -246,7 +248,7 @@ def _check_gateway(route: Route, interfaces: Interfaces, own: typing.Set[str], r
         )
 
 
-def _is_near(route: Route, device: str) -> bool:
+def _is_near(route: RouteSpec, device: str) -> bool:
     """True where the destination of the route is on the link of the device."""
     return route.device == device and not route.gateway and route.destination not in DEFAULTS.values()
 

@@ -11,20 +11,20 @@ import shlex
 import typing
 
 from ..._base.plain_text import quote
-from .kernel import DEFAULTS, NO_WAY, KernelRoute, Key, Route, format_route, to_words
+from .kernel import DEFAULTS, NO_WAY, KernelRoute, Key, RouteSpec, format_route, to_words
 
 Held = typing.List[KernelRoute]  # the kernel's routes of one key
 Current = typing.Dict[Key, Held]  # the kernel's routes
 
 
-class Entry(typing.NamedTuple):
+class RouteEntry(typing.NamedTuple):
     """The record of one key: the routes that we made, and the words of the routes that they replaced."""
 
-    made: typing.Tuple[Route, ...]  # two after a killed run
+    made: typing.Tuple[RouteSpec, ...]  # two after a killed run
     replaced: typing.Tuple[typing.Tuple[str, ...], ...]
 
 
-Entries = typing.Dict[Key, Entry]
+Entries = typing.Dict[Key, RouteEntry]
 
 
 class Change(typing.NamedTuple):
@@ -57,10 +57,10 @@ class KeyPlan(typing.NamedTuple):
     removals: typing.List[Change]
     after: typing.List[str]  # the routes of the key afterwards
     result: typing.Any  # a RouteResult, or what the module returns for a route that is no longer listed
-    entry: typing.Optional[Entry] = None  # the record on the way, our route last; None: no new entry
+    entry: typing.Optional[RouteEntry] = None  # the record on the way, our route last; None: no new entry
 
 
-class Plan(typing.NamedTuple):
+class RoutesPlan(typing.NamedTuple):
     """The changes of one run, in their order, and the record before and after them."""
 
     changes: typing.List[Change]
@@ -73,8 +73,8 @@ class Plan(typing.NamedTuple):
 
 
 def plan_routes(
-    routes: typing.List[Route], current: Current, entries: Entries, replace: bool, interfaces: typing.Container[str]
-) -> Plan:
+    routes: typing.List[RouteSpec], current: Current, entries: Entries, replace: bool, interfaces: typing.Container[str]
+) -> RoutesPlan:
     """The plan from the kernel's routes and the record to these routes.
 
     `current` holds every key of `routes` and `entries` that the kernel has. `replace`: a route of another owner may be
@@ -82,7 +82,7 @@ def plan_routes(
     """
     # A network on a link comes before the routes whose gateway is in it.
     wanted = {
-        route.key: _plan_listed(route, current.get(route.key, []), entries.get(route.key, Entry((), ())), replace)
+        route.key: _plan_listed(route, current.get(route.key, []), entries.get(route.key, RouteEntry((), ())), replace)
         for route in sorted(routes, key=lambda route: bool(route.gateway))
     }
     taken_back = {
@@ -95,7 +95,7 @@ def plan_routes(
     replaced = [changes for part in wanted.values() for changes in (part.adds, part.removals)]
     returns = _flat(part.adds for part in taken_back.values())
     changes = _flat(replaced) + _links_first(returns) + _flat(part.removals for part in taken_back.values())
-    return Plan(
+    return RoutesPlan(
         changes=changes,
         undo=_undo(routes, current, after) if changes else [],
         interim={**entries, **made},
@@ -113,7 +113,7 @@ def _flat(lists: typing.Iterable[typing.List[Change]]) -> typing.List[Change]:
 # One listed route
 
 
-def _plan_listed(route: Route, kernel_routes: Held, entry: Entry, replace: bool) -> KeyPlan:
+def _plan_listed(route: RouteSpec, kernel_routes: Held, entry: RouteEntry, replace: bool) -> KeyPlan:
     """The plan for a listed route. `kernel_routes`: the kernel's routes of its key. `entry`: the record of its key."""
     same, others, foreign = _sort_routes(route, kernel_routes, entry)
     state, problem = _judge(route, kernel_routes, foreign, replace)
@@ -131,35 +131,35 @@ def _plan_listed(route: Route, kernel_routes: Held, entry: Entry, replace: bool)
     if same and not others and route.way not in _ways(entry):
         return part  # an adopted route has no record: it is not ours to take back
     earlier = tuple(other for other in entry.made if other != route)
-    return part._replace(entry=Entry(earlier + (route,), _list_replaced(entry, kernel_routes)))
+    return part._replace(entry=RouteEntry(earlier + (route,), _list_replaced(entry, kernel_routes)))
 
 
-def _sort_routes(route: Route, kernel_routes: Held, entry: Entry) -> typing.Tuple[Held, Held, Held]:
+def _sort_routes(route: RouteSpec, kernel_routes: Held, entry: RouteEntry) -> typing.Tuple[Held, Held, Held]:
     """The routes that go the wanted way, the other ones, and those of the other ones that are not ours."""
     same = [kernel_route for kernel_route in kernel_routes if _is_match(kernel_route, route, entry)]
     others = [kernel_route for kernel_route in kernel_routes if kernel_route not in same]
     return same, others, [kernel_route for kernel_route in others if kernel_route.route.way not in _ways(entry)]
 
 
-def _is_match(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
+def _is_match(kernel_route: KernelRoute, route: RouteSpec, entry: RouteEntry) -> bool:
     """True where the kernel's route is the wanted one. A route of another owner may have more attributes than the wanted one."""
     if kernel_route.route.way not in _ways(entry):
         return route.fits(kernel_route.route)
     return kernel_route.route.way == route.way and kernel_route.route.on_link == _on_link(kernel_route, route, entry)
 
 
-def _on_link(kernel_route: KernelRoute, route: Route, entry: Entry) -> bool:
+def _on_link(kernel_route: KernelRoute, route: RouteSpec, entry: RouteEntry) -> bool:
     """True where a route of ours shall have on_link: it is wanted, or a manager has added it."""
     made = any(other.on_link for other in entry.made if other.way == kernel_route.route.way)
     return route.on_link or (kernel_route.route.on_link and not made)
 
 
-def _ways(entry: Entry) -> typing.Set[Route]:
+def _ways(entry: RouteEntry) -> typing.Set[RouteSpec]:
     """The ways of the routes that we made."""
     return {route.way for route in entry.made}
 
 
-def _list_replaced(entry: Entry, kernel_routes: Held) -> typing.Tuple[typing.Tuple[str, ...], ...]:
+def _list_replaced(entry: RouteEntry, kernel_routes: Held) -> typing.Tuple[typing.Tuple[str, ...], ...]:
     """The routes of others that come back when ours is no longer listed."""
     foreign = [kernel_route.words for kernel_route in kernel_routes if kernel_route.route.way not in _ways(entry)]
     ours = len(foreign) < len(kernel_routes)
@@ -168,7 +168,9 @@ def _list_replaced(entry: Entry, kernel_routes: Held) -> typing.Tuple[typing.Tup
     return earlier + tuple(words for words in foreign if words not in earlier)
 
 
-def _judge(route: Route, kernel_routes: Held, foreign: Held, replace: bool) -> typing.Tuple[str, typing.Optional[str]]:
+def _judge(
+    route: RouteSpec, kernel_routes: Held, foreign: Held, replace: bool
+) -> typing.Tuple[str, typing.Optional[str]]:
     """The state of a listed route and its sentence. It is conflict or refused where routes of others have its place."""
     name = format_route(route)
     connected = [kernel_route for kernel_route in kernel_routes if kernel_route.protocol == "kernel"]
@@ -194,13 +196,13 @@ def _judge(route: Route, kernel_routes: Held, foreign: Held, replace: bool) -> t
 # One route taken back
 
 
-def _list_returns(entry: Entry, interfaces: typing.Container[str]) -> typing.List[typing.Tuple[str, ...]]:
+def _list_returns(entry: RouteEntry, interfaces: typing.Container[str]) -> typing.List[typing.Tuple[str, ...]]:
     """List the routes that ours replaced and that can come back, since their interface is there."""
     devices = [(words, _find_word_after("dev", words)) for words in entry.replaced]
     return [words for words, device in devices if device is None or device in interfaces]
 
 
-def _plan_removal(key: Key, entry: Entry, kernel_routes: Held, interfaces: typing.Container[str]) -> KeyPlan:
+def _plan_removal(key: Key, entry: RouteEntry, kernel_routes: Held, interfaces: typing.Container[str]) -> KeyPlan:
     """The plan for a route of the record that is no longer listed."""
     ours = [kernel_route for kernel_route in kernel_routes if kernel_route.route.way in _ways(entry)]
     others = [kernel_route for kernel_route in kernel_routes if kernel_route not in ours]
@@ -257,7 +259,7 @@ def _find_word_after(name: str, words: typing.Sequence[str]) -> typing.Optional[
 
 
 def _undo(
-    routes: typing.List[Route], current: Current, after: typing.Dict[Key, typing.List[str]]
+    routes: typing.List[RouteSpec], current: Current, after: typing.Dict[Key, typing.List[str]]
 ) -> typing.List[Change]:
     """The changes that bring the touched keys back to what they hold now: first additions, then removals."""
     adds: typing.List[Change] = []
@@ -277,7 +279,7 @@ def _undo(
 
 
 def build_undo_command(change: Change) -> typing.List[str]:
-    """A change of `Plan.undo` as a command. It fails only where the former state does not come back."""
+    """A change of `RoutesPlan.undo` as a command. It fails only where the former state does not come back."""
     words = change.words
     if change.verb != "del":
         return ["sh", "-c", f"{_join_words(change.command)} || :"] if change.may_fail else change.command
@@ -295,7 +297,7 @@ def _join_words(argv: typing.Iterable[str]) -> str:
 
 
 def find_other_defaults(
-    routes: typing.Iterable[Route], kernel_routes: typing.Iterable[KernelRoute]
+    routes: typing.Iterable[RouteSpec], kernel_routes: typing.Iterable[KernelRoute]
 ) -> typing.List[KernelRoute]:
     """The default routes of others beside a wanted one, in the same table. `kernel_routes`: those that stay."""
     wanted = [route for route in routes if route.destination in DEFAULTS.values() and route.type == "unicast"]

@@ -5,8 +5,8 @@
 
 import typing
 
-from .kernel import PATH, Route
-from .plan import Entries, Entry
+from .kernel import PATH, RouteSpec
+from .plan import Entries, RouteEntry
 
 Data = typing.Dict[str, typing.Any]  # JSON
 _LATER = ("scope",) + PATH
@@ -20,19 +20,19 @@ SHAPE = {
 }
 
 
-class Place(typing.NamedTuple):
+class PlaceRecord(typing.NamedTuple):
     """The record of one place of a back end, such as a file."""
 
     backend: str
     texts: typing.List[str]  # every text that a run may have left there: two after a killed run
-    routes: typing.List[Route]
+    routes: typing.List[RouteSpec]
 
 
 class RoutesRecord(typing.NamedTuple):
     """The whole record."""
 
     entries: Entries
-    places: typing.Dict[str, Place]
+    places: typing.Dict[str, PlaceRecord]
     pending: typing.Dict[str, typing.List[str]]  # back end -> places that its manager has not been told about
     folders: typing.List[str]  # those that we made, outermost first
 
@@ -58,22 +58,22 @@ def read_record(data: Data) -> RoutesRecord:
     Raises AttributeError, IndexError, KeyError, TypeError or ValueError where the data has another shape.
     """
     entries = [
-        Entry(
-            made=tuple(Route(**fields) for fields in item["made"]),
+        RouteEntry(
+            made=tuple(RouteSpec(**fields) for fields in item["made"]),
             replaced=tuple(tuple(words) for words in item["replaced"]),
         )
         for item in data.get("routes", [])
     ]
     boot = data.get("boot", {})
     places = {
-        name: Place(place["backend"], place["texts"], [Route(**fields) for fields in place["routes"]])
+        name: PlaceRecord(place["backend"], place["texts"], [RouteSpec(**fields) for fields in place["routes"]])
         for name, place in boot.get("places", {}).items()
     }
     by_key = {entry.made[0].key: entry for entry in entries}
     return RoutesRecord(by_key, places, boot.get("pending", {}), boot.get("folders", []))
 
 
-def _route_to_json(route: Route) -> Data:
+def _route_to_json(route: RouteSpec) -> Data:
     """The fields of a route; those that earlier versions did not have only where they say something."""
     return {name: value for name, value in route._asdict().items() if value or name not in _LATER}
 

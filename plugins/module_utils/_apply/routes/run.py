@@ -76,7 +76,7 @@ Options = typing.Mapping[str, typing.Any]
 Data = typing.Dict[str, typing.Any]  # JSON
 
 
-class Run(ModuleRun):
+class RoutesRun(ModuleRun):
     """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
 
     def __init__(self, options: Options, memory: typing.Optional[Data] = None) -> None:
@@ -103,11 +103,11 @@ class Run(ModuleRun):
         self.items = self._plan_boot([self._choose_boot_device(item, requests) for item in requests])
         self.runtime_changes = bool(self.plan.changes)
         self.changed = self.runtime_changes or bool(self.boot.changes)
-        self.watch = network_state.Watch(self._is_planned_to_go)
+        self.watch = network_state.StateWatch(self._is_planned_to_go)
         # The record as it must be while the change of the kernel is on its way.
         self.memory = self.recorded._replace(entries=self.plan.interim).to_json()
 
-    def _list_near_routes(self) -> typing.List[kernel.Route]:
+    def _list_near_routes(self) -> typing.List[kernel.RouteSpec]:
         """The kernel's routes that may lead to a gateway: those of our tables, and of main for the other tables."""
         versions = {route.version for route in self.routes if route.gateway and route.table != kernel.MAIN}
         return [kernel_route.route for kernel_route in _flatten(self.current)] + [
@@ -174,7 +174,7 @@ class Run(ModuleRun):
             "problem": problem,
         }
 
-    def _find_boot_conflict(self, route: kernel.Route) -> typing.Optional[str]:
+    def _find_boot_conflict(self, route: kernel.RouteSpec) -> typing.Optional[str]:
         """The sentence where a manager would make a route of another owner again at boot, beside ours."""
         entry = self.recorded.entries.get(route.key)
         ours = {other.way for other in entry.made} if entry else set()
@@ -284,7 +284,7 @@ class Run(ModuleRun):
             ]
         carry_out([*steps, outcome(self.record, self.boot.final_record(self.plan.final).to_json())])
 
-    def _is_planned_to_go(self, item: network_state.Item) -> bool:
+    def _is_planned_to_go(self, item: network_state.NetworkItem) -> bool:
         """True for a route of a key that this run changes."""
         if item.kind != "route":
             return False
@@ -356,7 +356,7 @@ class Run(ModuleRun):
         self._check_kernel()
 
 
-def _read_main_table(version: int) -> typing.List[kernel.Route]:
+def _read_main_table(version: int) -> typing.List[kernel.RouteSpec]:
     return [kernel_route.route for kernel_route in kernel.read_routes(version, kernel.MAIN)]
 
 
@@ -380,4 +380,4 @@ def _check_overrides(backends: typing.Mapping[str, str], interfaces: typing.Cont
     return backends
 
 
-CONCERN = Concern("routes", OPTIONS, lambda module, memory: Run(module.params, memory), "routes")
+CONCERN = Concern("routes", OPTIONS, lambda module, memory: RoutesRun(module.params, memory), "routes")

@@ -15,7 +15,7 @@ from .boot import matches, name_of, normal
 Values = typing.Dict[str, typing.Optional[str]]  # key -> value in normal form, None where there is no such key
 
 
-class Setting(typing.NamedTuple):
+class WantedValue(typing.NamedTuple):
     """A key and its wanted value, in normal form."""
 
     key: str
@@ -40,7 +40,7 @@ def _zero(value: str) -> str:
     return "0"
 
 
-class Rule(typing.NamedTuple):
+class KeyRule(typing.NamedTuple):
     """A rule of the kernel: a write to one key changes other keys too."""
 
     key: str  # a pattern of keys
@@ -61,31 +61,35 @@ _NOT_COPIED = (
     + ("drop_unicast_in_l2_multicast",)
 )  # fmt: skip
 _IPV4_FORWARDING = ("net/ipv4/ip_forward", "net/ipv4/conf/all/forwarding")
-RULES: typing.Tuple[Rule, ...] = (
+RULES: typing.Tuple[KeyRule, ...] = (
     # inet_forward_change() in net/ipv4/devinet.c
-    *(Rule(key, other) for key in _IPV4_FORWARDING for other in ("net/ipv4/ip_forward", "net/ipv4/conf/*/forwarding")),
-    *(Rule(key, "net/ipv4/conf/all/accept_redirects", _opposite) for key in _IPV4_FORWARDING),
+    *(
+        KeyRule(key, other)
+        for key in _IPV4_FORWARDING
+        for other in ("net/ipv4/ip_forward", "net/ipv4/conf/*/forwarding")
+    ),
+    *(KeyRule(key, "net/ipv4/conf/all/accept_redirects", _opposite) for key in _IPV4_FORWARDING),
     # devinet_copy_dflt_conf() there, neigh_copy_dflt_parms() in net/core/neighbour.c
-    Rule("net/ipv4/conf/default/*", "net/ipv4/conf/*/{}", spares=True, but=("all",), unless=_NOT_COPIED),
-    Rule("net/ipv4/neigh/default/*", "net/ipv4/neigh/*/{}", spares=True),
-    Rule("net/ipv6/neigh/default/*", "net/ipv6/neigh/*/{}", spares=True),
+    KeyRule("net/ipv4/conf/default/*", "net/ipv4/conf/*/{}", spares=True, but=("all",), unless=_NOT_COPIED),
+    KeyRule("net/ipv4/neigh/default/*", "net/ipv4/neigh/*/{}", spares=True),
+    KeyRule("net/ipv6/neigh/default/*", "net/ipv6/neigh/*/{}", spares=True),
     # net/ipv6/addrconf.c; nothing else of `all` is copied, and no default
-    Rule("net/ipv6/conf/all/forwarding", "net/ipv6/conf/*/forwarding"),
-    Rule("net/ipv6/conf/all/disable_ipv6", "net/ipv6/conf/*/disable_ipv6"),
-    Rule("net/ipv6/conf/all/addr_gen_mode", "net/ipv6/conf/*/addr_gen_mode"),
-    Rule("net/ipv6/conf/all/ignore_routes_with_linkdown", "net/ipv6/conf/*/ignore_routes_with_linkdown"),
-    Rule("net/ipv6/conf/all/force_forwarding", "net/ipv6/conf/*/force_forwarding", but=("default",)),
+    KeyRule("net/ipv6/conf/all/forwarding", "net/ipv6/conf/*/forwarding"),
+    KeyRule("net/ipv6/conf/all/disable_ipv6", "net/ipv6/conf/*/disable_ipv6"),
+    KeyRule("net/ipv6/conf/all/addr_gen_mode", "net/ipv6/conf/*/addr_gen_mode"),
+    KeyRule("net/ipv6/conf/all/ignore_routes_with_linkdown", "net/ipv6/conf/*/ignore_routes_with_linkdown"),
+    KeyRule("net/ipv6/conf/all/force_forwarding", "net/ipv6/conf/*/force_forwarding", but=("default",)),
     # mm/page-writeback.c, mm/util.c: of two ways to say one limit, the one that is not used is 0
-    Rule("vm/dirty_bytes", "vm/dirty_ratio", _zero),
-    Rule("vm/dirty_ratio", "vm/dirty_bytes", _zero),
-    Rule("vm/dirty_background_bytes", "vm/dirty_background_ratio", _zero),
-    Rule("vm/dirty_background_ratio", "vm/dirty_background_bytes", _zero),
-    Rule("vm/overcommit_kbytes", "vm/overcommit_ratio", _zero),
-    Rule("vm/overcommit_ratio", "vm/overcommit_kbytes", _zero),
+    KeyRule("vm/dirty_bytes", "vm/dirty_ratio", _zero),
+    KeyRule("vm/dirty_ratio", "vm/dirty_bytes", _zero),
+    KeyRule("vm/dirty_background_bytes", "vm/dirty_background_ratio", _zero),
+    KeyRule("vm/dirty_background_ratio", "vm/dirty_background_bytes", _zero),
+    KeyRule("vm/overcommit_kbytes", "vm/overcommit_ratio", _zero),
+    KeyRule("vm/overcommit_ratio", "vm/overcommit_kbytes", _zero),
 )
 
 
-def rules_of(key: str) -> typing.List[Rule]:
+def rules_of(key: str) -> typing.List[KeyRule]:
     """The rules for this key alone."""
     last = key.rpartition("/")[2]
     return [
@@ -133,7 +137,7 @@ _WHOLE = re.compile(r"0|-?[1-9][0-9]{0,9}")
 _WHOLE_NUMBERS = ("net/ipv4/ip_forward", "net/ipv[46]/conf/*/*", "net/ipv[46]/neigh/*/*", "net/ipv4/icmp_echo_*")
 
 
-def is_unfit(setting: Setting) -> bool:
+def is_unfit(setting: WantedValue) -> bool:
     """True for a value that no kernel takes and reads back: a key that holds a whole number gets something else."""
     if setting.key.endswith("/stable_secret") or not any(matches(one, setting.key) for one in _WHOLE_NUMBERS):
         return False
@@ -209,7 +213,7 @@ class Kernel:
         guarded = self.proc == PROC and any(matches(one, key) for one in _FOR_NET_ADMIN)
         return KeyState(value, errno.EPERM if guarded and not rights.may_change_network() else 0)
 
-    def refusal(self, setting: Setting, value: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
+    def refusal(self, setting: WantedValue, value: typing.Optional[str], number: int) -> typing.Tuple[str, str]:
         """The state and the sentence for a setting that the kernel refuses with this errno, or (0) turns into another value.
 
         `value`: the present one, None for no key.

@@ -14,16 +14,16 @@ import typing
 
 from ..._base.problem import Problem
 from .boot import SYSCTL_FOLDERS, key_of, name_of, normal, variable_of
-from .kernel import Setting, Values, find_side_effects, followers, keeps_deviations, rules_of
+from .kernel import Values, WantedValue, find_side_effects, followers, keeps_deviations, rules_of
 from .record import Data, Entry, SettingsRecord
 
 HEADER = "# Managed by Ansible: rosfleet.multimaster.sysctl writes this whole file, so changes here do not last.\n"
 
 
-class Plan(typing.NamedTuple):
+class SysctlPlan(typing.NamedTuple):
     """The writes of one run in their order, and the record before and after them."""
 
-    writes: typing.List[Setting]
+    writes: typing.List[WantedValue]
     goals: typing.Dict[str, str]  # what the writes are for: key -> value
     interim: SettingsRecord
     final: SettingsRecord
@@ -35,12 +35,12 @@ class Plan(typing.NamedTuple):
 # The option
 
 
-def settings_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.List[Setting]:
+def settings_of(items: typing.Iterable[typing.Mapping[str, typing.Any]]) -> typing.List[WantedValue]:
     """The settings in a list of {name, value}, each key once; keys that change others come first.
 
     Raises Problem for an item that makes no sense, and for two values of one key.
     """
-    settings: typing.Dict[str, typing.Tuple[str, Setting]] = {}
+    settings: typing.Dict[str, typing.Tuple[str, WantedValue]] = {}
     for item in items:
         name, setting = item["name"], _setting(item)
         earlier_name, earlier = settings.setdefault(variable_of(setting.key), (name, setting))
@@ -76,7 +76,7 @@ def _text(name: str, value: typing.Any) -> str:
     raise Problem(f"settings: {name} has the value {value!r}, expected a text, a whole number or a boolean.")
 
 
-def _setting(item: typing.Mapping[str, typing.Any]) -> Setting:
+def _setting(item: typing.Mapping[str, typing.Any]) -> WantedValue:
     name, key = item["name"], key_of(item["name"].lstrip("-").strip())
     value = normal(_text(name, item["value"]))
     plain = re.match(r"[^\s=#;*?\[\]/]+(/[^\s=*?\[\]/]+)+$", key) and key.isprintable()
@@ -86,10 +86,10 @@ def _setting(item: typing.Mapping[str, typing.Any]) -> Setting:
         )
     if not value.isprintable():
         raise Problem(f"settings: {name} has the value {value!r}, expected printable text on one line.")
-    return Setting(key, value)
+    return WantedValue(key, value)
 
 
-def drop_in_text(settings: typing.Iterable[Setting], optional: typing.Container[str] = ()) -> typing.Optional[str]:
+def drop_in_text(settings: typing.Iterable[WantedValue], optional: typing.Container[str] = ()) -> typing.Optional[str]:
     """The text of the drop-in for these settings, None for no drop-in. `optional`: keys that may be missing at boot."""
     lines = [
         f"{'-' if setting.key in optional else ''}{name_of(setting.key)} = {setting.value}\n" for setting in settings
@@ -109,7 +109,7 @@ def check_drop_in(path: str) -> None:
 # The plan
 
 
-def plan(settings: typing.List[Setting], current: Values, record: SettingsRecord, drop_in: str) -> Plan:
+def plan(settings: typing.List[WantedValue], current: Values, record: SettingsRecord, drop_in: str) -> SysctlPlan:
     """The plan from the kernel's current values and the record to the settings.
 
     `current` holds the value of every key of settings and record, and of every key that the kernel changes beside them;
@@ -132,7 +132,7 @@ def plan(settings: typing.List[Setting], current: Values, record: SettingsRecord
     others = {variable: entry for variable, entry in record.settings.items() if variable not in entries}
     final = {variable: entry._replace(set=entry.set[-1:]) for variable, entry in entries.items()}
     drop_ins = sorted(set(record.drop_ins) | {drop_in})
-    return Plan(
+    return SysctlPlan(
         writes=kernel.writes,
         goals=kernel.goals,
         interim=SettingsRecord(drop_ins, record.folders, {**entries, **others}),
@@ -148,14 +148,14 @@ class _Simulation:
 
     def __init__(self, values: typing.Mapping[str, str]) -> None:
         self.values = dict(values)
-        self.writes: typing.List[Setting] = []
+        self.writes: typing.List[WantedValue] = []
         self.goals: typing.Dict[str, str] = {}
 
     def write(self, key: str, value: str) -> None:
         """Plan a write, unless the key has the value already."""
         if self.values[key] != value:
             changed = find_side_effects(key, value, self.values)
-            self.writes.append(Setting(key, value))
+            self.writes.append(WantedValue(key, value))
             self.values.update(changed)
             self.values[key] = value
             for other in changed:  # a later write has the last word
@@ -210,7 +210,7 @@ def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
 # One listed setting
 
 
-def _plan_entry(setting: Setting, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:
+def _plan_entry(setting: WantedValue, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:
     """The record of a listed setting on the way, when an earlier value of ours or the last one may be there."""
     entry = owned.get(variable_of(setting.key)) or _new_entry(setting.key, start, owned)
     earlier = [value for value in entry.set if value != setting.value]
@@ -243,7 +243,7 @@ def _original_value(
 
 
 def _find_side_effects(
-    settings: typing.List[Setting], kernel: _Simulation, base: typing.Mapping[str, str]
+    settings: typing.List[WantedValue], kernel: _Simulation, base: typing.Mapping[str, str]
 ) -> typing.List[Data]:
     """The keys with a value of their own that change with a listed key. `base`: the values before the settings."""
     keys = {setting.key for setting in settings}

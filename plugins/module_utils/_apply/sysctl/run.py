@@ -50,7 +50,7 @@ OPTIONS = {
 Options = typing.Mapping[str, typing.Any]
 
 
-class Run(ModuleRun):
+class SysctlRun(ModuleRun):
     """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
 
     def __init__(self, options: Options, memory: typing.Optional[Data] = None) -> None:
@@ -87,13 +87,13 @@ class Run(ModuleRun):
         self.wrong_mode = self._wrong_mode()
         self.runtime_changes = bool(self.plan.writes)
         on_kernel = self.kernel.proc == kernel.PROC and self.runtime_changes
-        self.watch = network_state.Watch(self._is_planned_to_go) if on_kernel else None
+        self.watch = network_state.StateWatch(self._is_planned_to_go) if on_kernel else None
         self.memory = self.plan.interim.plain()  # the record while the change is on its way
         # Anything to do: in the kernel, in the drop-ins, or in the record.
         files = self.texts_before != self.texts_after or self.wrong_mode is not None
         self.changed = self.runtime_changes or files or self.stored != self.plan.final.plain()
 
-    def _prefer_boot_values(self, items: typing.Iterable[Options]) -> typing.List[kernel.Setting]:
+    def _prefer_boot_values(self, items: typing.Iterable[Options]) -> typing.List[kernel.WantedValue]:
         """The listed settings. Where the value of another file is enough, it is taken, so the file stays."""
         settings, enough = plan.settings_of(items), plan.enough_of(items)
         if not enough:
@@ -178,7 +178,7 @@ class Run(ModuleRun):
             items.append(item)
         return items
 
-    def _refusal(self, setting: kernel.Setting, writes: bool) -> typing.Tuple[str, typing.Optional[str]]:
+    def _refusal(self, setting: kernel.WantedValue, writes: bool) -> typing.Tuple[str, typing.Optional[str]]:
         """The state and the sentence for a setting that cannot be set, as far as that is known before; "" and None else."""
         present = self.states[setting.key]
         if present.value is None or (writes and present.refusal):
@@ -193,7 +193,7 @@ class Run(ModuleRun):
             return "invalid", self._contradiction(setting)
         return "", None
 
-    def _contradiction(self, setting: kernel.Setting) -> str:
+    def _contradiction(self, setting: kernel.WantedValue) -> str:
         other = next(
             other for other in self.settings if setting.key in kernel.followers(other.key, other.value, [setting.key])
         )
@@ -229,7 +229,7 @@ class Run(ModuleRun):
 
         outcomes = trial.try_values(self.kernel, writes)
         refusals = [
-            self.kernel.refusal(kernel.Setting(key, writes[key]), self.current[key] if number else value, number)[1]
+            self.kernel.refusal(kernel.WantedValue(key, writes[key]), self.current[key] if number else value, number)[1]
             for key, (value, number) in outcomes.items()
             if (value, number) != (writes[key], 0)
         ]
@@ -322,7 +322,7 @@ class Run(ModuleRun):
         steps.append(transaction.outcome(self.record, self.plan.final.plain()))
         transaction.carry_out(steps, self._explain_failure)
 
-    def _is_planned_to_go(self, item: network_state.Item) -> bool:
+    def _is_planned_to_go(self, item: network_state.NetworkItem) -> bool:
         """True for what the kernel removes where IPv6 is turned off."""
         off = any(write.key.endswith("/disable_ipv6") and write.value != "0" for write in self.plan.writes)
         return off and item.version == 6
@@ -341,13 +341,13 @@ class Run(ModuleRun):
                 # Taken back: the kernel may take the value when another key has its value from before.
         wrong = self.kernel.settle(self.plan.goals)
         for key, number in wrong.items():
-            setting = kernel.Setting(key, self.plan.goals[key])
+            setting = kernel.WantedValue(key, self.plan.goals[key])
             if setting not in self.settings:
                 _state, text = self.kernel.refusal(setting, self.current[key], number or errno.EINVAL)
                 raise Problem("Taking back " + text)
             raise self._refusal_of(setting, 0)
 
-    def _refusal_of(self, setting: kernel.Setting, number: int) -> Problem:
+    def _refusal_of(self, setting: kernel.WantedValue, number: int) -> Problem:
         """Note in the item that the kernel refuses a listed value, or (0) holds another; returns the problem that ends the run."""
         # Read again: an interface may have gone with its keys.
         state, text = self.kernel.refusal(setting, self.kernel.look(setting.key).value, number)
@@ -408,4 +408,4 @@ def _conflict_sentence(item: Data, drop_in: str) -> str:
     return f"{item['name']}: {problem}, expected {item['value']}: correct or remove it there, or set on_conflict to report to go on."
 
 
-CONCERN = Concern("sysctl", OPTIONS, lambda module, memory: Run(module.params, memory), "kernel settings")
+CONCERN = Concern("sysctl", OPTIONS, lambda module, memory: SysctlRun(module.params, memory), "kernel settings")

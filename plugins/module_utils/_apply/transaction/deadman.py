@@ -268,7 +268,7 @@ class Switch:
         return ["try", "put", name, path]
 
 
-class Guard:
+class DeadmanGuard:
     """A module's side of the switch. The first run changes the run time, and the second run confirms it.
 
     The first run has confirm_within and a token as confirmation, the second the token only. The module's own run has

@@ -71,7 +71,7 @@ class FileState(typing.NamedTuple):
 _NOTHING = FileState("", b"", 0, (0, 0))
 
 
-class Item(typing.NamedTuple):
+class FileResult(typing.NamedTuple):
     """A planned file in the result: unchanged, written, edited (drift, to be repaired) or foreign (right, not owned)."""
 
     file: PlannedFile
@@ -152,7 +152,7 @@ def _unsafe(paths: typing.Iterable[str], folders: typing.Iterable[str]) -> typin
     """
     if os.geteuid() != 0:
         return {}  # an ordinary user has no rights to gain
-    view = trust.Look()
+    view = trust.TrustCheck()
     places = [(path, os.path.dirname(path)) for path in sorted(paths)] + [(folder, folder) for folder in folders]
     why = {
         place: [doubt.words for doubt in view.doubts(folder) if doubt.who != trust.A_GROUP] for place, folder in places
@@ -362,7 +362,7 @@ class FileBundle:
         )
 
     def find_state(self, file: PlannedFile) -> str:
-        """The state of a planned file as in Item, or "conflict": something that is not owned is in its way."""
+        """The state of a planned file as in FileResult, or "conflict": something that is not owned is in its way."""
         present, owned = self.states[file.path], self.owned.get(file.path)
         if not present.kind:
             return "edited" if owned else "written"
@@ -412,7 +412,7 @@ class FilePlan:
     def __init__(self, bundle: FileBundle) -> None:
         """See FileBundle.make_plan."""
         self.bundle, self.record, self.remembered = bundle, bundle.record, bundle.remembered
-        self.items = [Item(file, bundle.find_state(file)) for file in bundle.wanted]  # in their order
+        self.items = [FileResult(file, bundle.find_state(file)) for file in bundle.wanted]  # in their order
         kept = {item.file.path: item.file for item in self.items if item.state != "foreign"}
         self.writes = [item.file for item in self.items if item.state in ("written", "edited")]
         self.removals = [path for path in sorted(bundle.owned) if path not in kept and bundle.states[path].kind]

@@ -15,7 +15,7 @@ from ..._base import ends
 from ..._base.module import Module
 from ..._base.problem import Problem, explain_unreadable, sentence
 from . import deadman, lock
-from .network.state import Watch
+from .network.state import StateWatch
 from .transaction import Step
 
 Fields = typing.Dict[str, typing.Any]
@@ -29,7 +29,7 @@ class ModuleRun:
     #: all that the run has to know which confirms a change at run time, for JSON
     memory: Fields = {}
     #: the network state over the change, where it may lose something of others; its step is in `watch_steps`
-    watch: typing.Optional[Watch] = None
+    watch: typing.Optional[StateWatch] = None
 
     @property
     def refusals(self) -> typing.List[str]:
@@ -78,7 +78,7 @@ Make = typing.Callable[[typing.Any, typing.Any], ModuleRun]  # out of a module, 
 
 
 class PlainGuard:
-    """The frame of a run without a dead-man's switch, with the methods of deadman.Guard."""
+    """The frame of a run without a dead-man's switch, with the methods of deadman.DeadmanGuard."""
 
     waits_for = 0
 
@@ -119,7 +119,7 @@ class Concern(typing.NamedTuple):
 
     def make_guard(self, module: typing.Any) -> typing.Any:
         """Make the frame of its run."""
-        return deadman.Guard(module, self.guarded, deadman.Switch(self.name)) if self.guarded else PlainGuard()
+        return deadman.DeadmanGuard(module, self.guarded, deadman.Switch(self.name)) if self.guarded else PlainGuard()
 
 
 def run_module(concern: Concern) -> None:

@@ -136,7 +136,7 @@ def _explain_failure(cause: Exception, left: typing.List[str]) -> str:
     return " ".join([sentence(cause), *back])
 
 
-def _item(unit: units.Unit, action: units.Action, written: bool, state: units.State) -> Fields:
+def _item(unit: units.Unit, action: units.Action, written: bool, state: units.UnitState) -> Fields:
     """The result of one unit."""
     actions = [verb for verb in ("write" if written else "", action.switch, action.run) if verb]
     return dict(

@@ -55,16 +55,16 @@ class Systemd:
             )
         return shown.units
 
-    def show(self, names: typing.Sequence[str]) -> typing.Dict[str, units.State]:
+    def show(self, names: typing.Sequence[str]) -> typing.Dict[str, units.UnitState]:
         """Ask for the state of units, with the inputs of their running processes; raises Problem or OSError."""
         blocks = self.properties(names, units.PROPERTIES)
         states = {}
         for name, block in zip(names, blocks):
             told = {prop: block.get(prop, "") for prop in units.PROPERTIES}
-            states[name] = units.State(**told, inputs=_inputs_of(told["MainPID"]))
+            states[name] = units.UnitState(**told, inputs=_inputs_of(told["MainPID"]))
         return states
 
-    def find_newer_file(self, content: str, state: units.State) -> str:
+    def find_newer_file(self, content: str, state: units.UnitState) -> str:
         """Name a file that a unit's text names, and that was written after its process had started; raises OSError."""
         paths = units.files_read(content) if state.MainPID not in ("", "0") else []
         start = processes.start_time(state.MainPID) if paths else None

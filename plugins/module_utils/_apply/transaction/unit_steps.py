@@ -49,7 +49,7 @@ class UnitSteps:
         self._new_parents: typing.List[str] = []
         self._restarted = False  # this run has restarted a unit that others may follow
 
-    def _ask(self) -> typing.Dict[str, units.State]:
+    def _ask(self) -> typing.Dict[str, units.UnitState]:
         """The states of the planned and the former units."""
         return {
             # systemd tells the state of before where a run was killed after it had removed the file.

@@ -36,7 +36,7 @@ class Unit(typing.NamedTuple):
     started: bool
 
 
-class State(typing.NamedTuple):
+class UnitState(typing.NamedTuple):
     """The state of a unit, in the words of `systemctl show`, and the inputs of its running process. What is not known is empty."""
 
     Id: str = ""
@@ -57,7 +57,7 @@ class State(typing.NamedTuple):
     inputs: str = ""
 
 
-PROPERTIES = State._fields[:-1]
+PROPERTIES = UnitState._fields[:-1]
 
 
 class Action(typing.NamedTuple):
@@ -113,7 +113,7 @@ def restart_partners(content: str) -> typing.Set[str]:
     return {name for names in _FOLLOWS.findall(content) for name in names.split()}
 
 
-def check(units: typing.List[Unit], states: typing.Dict[str, State], owned: typing.Container[str]) -> None:
+def check(units: typing.List[Unit], states: typing.Dict[str, UnitState], owned: typing.Container[str]) -> None:
     """Raise Problem, with a sentence per unit, where a planned unit is masked or has a file that is not owned; pure."""
     problems = []
     for unit in units:
@@ -136,7 +136,7 @@ def check(units: typing.List[Unit], states: typing.Dict[str, State], owned: typi
 def plan_actions(
     units: typing.List[Unit],
     removed: typing.List[str],
-    states: typing.Dict[str, State],
+    states: typing.Dict[str, UnitState],
     written: typing.Container[str],
     pending: typing.Container[str],
     newer_files: typing.Mapping[str, str],
@@ -158,7 +158,7 @@ def plan_actions(
     return actions
 
 
-def _removal(name: str, state: State, pending: bool) -> Action:
+def _removal(name: str, state: UnitState, pending: bool) -> Action:
     """The action for a unit that is no longer listed."""
     run = "" if state.ActiveState in ("inactive", "failed") else "stop"
     # Where a run was killed before systemd read its files again, systemd tells the state of before.
@@ -166,7 +166,7 @@ def _removal(name: str, state: State, pending: bool) -> Action:
     return Action(name, switch, run, "it is no longer listed")
 
 
-def _plan_switch(unit: Unit, state: State, due: bool) -> str:
+def _plan_switch(unit: Unit, state: UnitState, due: bool) -> str:
     """The `switch` of the action for a planned unit; `due`: its links are to be made anew."""
     if unit.enabled and (due or state.UnitFileState != "enabled"):
         # A changed text may name other targets, so the links of the old one have to go.
@@ -175,7 +175,7 @@ def _plan_switch(unit: Unit, state: State, due: bool) -> str:
 
 
 def _plan_run(
-    unit: Unit, state: State, text: bool, unfinished: bool, newer_file: str, restarted: typing.Set[str]
+    unit: Unit, state: UnitState, text: bool, unfinished: bool, newer_file: str, restarted: typing.Set[str]
 ) -> typing.Tuple[str, str]:
     """The `run` and `why` of the action for a planned unit; `restarted` are the units before it that are restarted."""
     running = state.ActiveState in RUNNING

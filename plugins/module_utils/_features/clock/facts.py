@@ -13,7 +13,7 @@ from ..._base.commands import text
 from ..._base.plain_text import LINE, plain
 from ..._machine import systemd
 from ..._machine.system import may_give
-from ..._probe.facts.part import Part
+from ..._probe.facts.part import FactPart
 from .sources import time_sources
 
 UNIT = "chrony.service"
@@ -25,7 +25,7 @@ _STOCK = "/etc/chrony/chrony.conf", "/usr/share/chrony/chrony.conf"  # in use, a
 _MOST = 20  # configurations that are told
 
 
-class Dialect(typing.NamedTuple):
+class TimeServiceFiles(typing.NamedTuple):
     """A time service: the files with its configuration, and the lines there that name a source of time."""
 
     service: str
@@ -36,17 +36,19 @@ class Dialect(typing.NamedTuple):
 _SERVERS = re.compile(r"\s*(?:server|servers|pool|peer|refclock|local|initstepslew)\b.*", re.IGNORECASE)
 # The package's own files of timesyncd (systemd's in /usr/lib, and what is commented out) are nobody's configuration. Who has
 # installed ntpd or openntpd has chosen it, with whatever servers.
-_CHRONY = Dialect(UNIT, ("/etc/chrony/conf.d/*.conf", "/etc/chrony/sources.d/*.sources"), re.compile(r"\s*[^\s#!;%].*"))
+_CHRONY = TimeServiceFiles(
+    UNIT, ("/etc/chrony/conf.d/*.conf", "/etc/chrony/sources.d/*.sources"), re.compile(r"\s*[^\s#!;%].*")
+)
 DIALECTS = (
     _CHRONY,
     # Another configuration than that of the package, which the collection's would replace.
-    Dialect(UNIT, ("/etc/default/chrony",), re.compile(r"\s*DAEMON_OPTS\s*=.*[\s\"']-f.*")),
-    Dialect(
+    TimeServiceFiles(UNIT, ("/etc/default/chrony",), re.compile(r"\s*DAEMON_OPTS\s*=.*[\s\"']-f.*")),
+    TimeServiceFiles(
         UNIT,
         (f"/etc/systemd/system/{UNIT}.d/*.conf", f"/run/systemd/system/{UNIT}.d/*.conf"),
         re.compile(r"\s*ExecStart\s*=\s*\S.*"),
     ),
-    Dialect(
+    TimeServiceFiles(
         "systemd-timesyncd.service",
         (
             "/etc/systemd/timesyncd.conf",
@@ -56,9 +58,9 @@ DIALECTS = (
         ),
         re.compile(r"\s*NTP\s*=\s*\S.*"),
     ),
-    Dialect("ntpsec.service", ("/etc/ntpsec/ntp.conf",), _SERVERS),
-    Dialect("ntp.service", ("/etc/ntp.conf",), _SERVERS),
-    Dialect("openntpd.service", ("/etc/openntpd/ntpd.conf",), _SERVERS),
+    TimeServiceFiles("ntpsec.service", ("/etc/ntpsec/ntp.conf",), _SERVERS),
+    TimeServiceFiles("ntp.service", ("/etc/ntp.conf",), _SERVERS),
+    TimeServiceFiles("openntpd.service", ("/etc/openntpd/ntpd.conf",), _SERVERS),
 )
 # Those that count with the configuration of their package, too.
 _CHOSEN = {"ntpsec.service", "ntp.service", "openntpd.service"}
@@ -94,7 +96,7 @@ def _others(root: str, loaded: typing.Collection[str]) -> typing.Iterator[typing
             yield dict(entry, service=dialect.service)
 
 
-def _lines(root: str, dialect: Dialect) -> typing.Iterator[typing.Dict[str, str]]:
+def _lines(root: str, dialect: TimeServiceFiles) -> typing.Iterator[typing.Dict[str, str]]:
     """Yield the lines of a service that name a source of time; those of chrony's own file, if somebody has edited it."""
     paths = [path for pattern in dialect.files for path in sorted(glob.glob(os.path.join(root, pattern[1:])))]
     if dialect is _CHRONY:
@@ -117,4 +119,4 @@ def _is_older(root: str, unit: systemd.Properties) -> bool:
     return any(systemd.find_change(unit) < os.stat(path).st_mtime <= time.time() for path in there)
 
 
-FACT = Part("clock", clock, 10)
+FACT = FactPart("clock", clock, 10)

@@ -19,7 +19,7 @@ Source = typing.Dict[str, typing.Any]
 Row = typing.Tuple[str, bool, bool, typing.Optional[float]]  # address, selected, reachable, offset in s
 
 
-class Service(typing.NamedTuple):
+class TimeService(typing.NamedTuple):
     """A time service: its name, the command that tells its sources, and the function that reads the answer."""
 
     name: str
@@ -86,9 +86,9 @@ def read_ntpd(output: str) -> typing.List[Row]:
 
 
 SERVICES = (
-    Service("chrony", ("chronyc", "-n", "-c", "-m", "sources", "tracking"), read_chrony),
-    Service("systemd-timesyncd", ("timedatectl", "show-timesync"), read_timesyncd),
-    Service("ntpd", ("ntpq", "-pn"), read_ntpd),
+    TimeService("chrony", ("chronyc", "-n", "-c", "-m", "sources", "tracking"), read_chrony),
+    TimeService("systemd-timesyncd", ("timedatectl", "show-timesync"), read_timesyncd),
+    TimeService("ntpd", ("ntpq", "-pn"), read_ntpd),
 )
 
 

@@ -7,7 +7,7 @@ import os
 import typing
 
 from ..._base.commands import text
-from ..._probe.facts.part import Part
+from ..._probe.facts.part import FactPart
 
 
 def tunnel(root: str = "/") -> typing.Dict[str, bool]:
@@ -21,4 +21,4 @@ def tunnel(root: str = "/") -> typing.Dict[str, bool]:
     }
 
 
-FACT = Part("tunnel", tunnel, 5)
+FACT = FactPart("tunnel", tunnel, 5)

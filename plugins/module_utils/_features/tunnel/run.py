@@ -43,7 +43,7 @@ _PORT = re.compile(r"^ListenPort = (\d+)$", re.M)
 _PUBLIC = re.compile(r"^# PublicKey = (\S+)$", re.M)  # in the configuration, of the computer itself
 
 
-class Tunnel(file_bundle.ManagedFiles):
+class TunnelRun(file_bundle.ManagedFiles):
     """The run, planned from the options of the module. The state of before is in its unit and files, so it needs no memory."""
 
     def __init__(self, options: typing.Mapping[str, typing.Any], confirms: bool = False) -> None:
@@ -52,7 +52,7 @@ class Tunnel(file_bundle.ManagedFiles):
         self._left = [] if options["files"] else key.list_keys(key.KEY)
         self._waits = bool(options["files"]) and self._is_next_planned()
         # What goes by the interface comes and goes with it.
-        self.watch = network_state.Watch(lambda item: item.device == INTERFACE, filtered=True)
+        self.watch = network_state.StateWatch(lambda item: item.device == INTERFACE, filtered=True)
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
         self.changed = self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
 
@@ -136,5 +136,5 @@ def _runs() -> bool:
 
 
 CONCERN = Concern(
-    "tunnel", OPTIONS, lambda module, memory: Tunnel(module.params, memory is not None), "peers of the tunnel"
+    "tunnel", OPTIONS, lambda module, memory: TunnelRun(module.params, memory is not None), "peers of the tunnel"
 )

@@ -14,7 +14,7 @@ from ..._base.plain_text import LINE, quote
 from ..._features.facts import FACTS
 from ..._machine import filters, fkie, network, ports, ros, shells, system
 from ..measure.network import forwarding
-from .part import Part
+from .part import FactPart
 
 MOST_TABLES = 32  # other tables of routes that are read
 
@@ -45,23 +45,25 @@ def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[ty
 
 SYSTEM = ("hostname", "python", "kernel", "os", "systemd")  # the keys of the first part
 PARTS = (
-    Part("system", system.system, 10),
-    Part("owned", record.records, 5),
-    Part("interfaces", lambda: [interface.plain() for interface in network.interfaces()], 15),
-    Part("ways", lambda wanted: [network.route_to(place).plain() for place in wanted], 15, options=("destinations",)),
-    Part("routing", routing, 15),
-    Part("forwarding", forwarding, 10),
-    Part("filters", filters.filters, 15),
-    Part("multicast_routing", system.multicast_routing, 10),
-    Part("ros", ros.find, 180, options=("ros_setup", "nodes")),
-    Part("packages", fkie.packages, 30, options=("packages",)),
+    FactPart("system", system.system, 10),
+    FactPart("owned", record.records, 5),
+    FactPart("interfaces", lambda: [interface.plain() for interface in network.interfaces()], 15),
+    FactPart(
+        "ways", lambda wanted: [network.route_to(place).plain() for place in wanted], 15, options=("destinations",)
+    ),
+    FactPart("routing", routing, 15),
+    FactPart("forwarding", forwarding, 10),
+    FactPart("filters", filters.filters, 15),
+    FactPart("multicast_routing", system.multicast_routing, 10),
+    FactPart("ros", ros.find, 180, options=("ros_setup", "nodes")),
+    FactPart("packages", fkie.packages, 30, options=("packages",)),
     *FACTS,
-    Part("folders", system.folders, 5, options=("folders",)),
-    Part("ports", ports.holders, 15, options=("ports",)),
-    Part("masters", masters, 60, options=("ports",)),
-    Part("exports", shells.exports, 30),
-    Part("sshd", shells.sshd, 10),
-    Part("environment", shells.probe, 20),
+    FactPart("folders", system.folders, 5, options=("folders",)),
+    FactPart("ports", ports.holders, 15, options=("ports",)),
+    FactPart("masters", masters, 60, options=("ports",)),
+    FactPart("exports", shells.exports, 30),
+    FactPart("sshd", shells.sshd, 10),
+    FactPart("environment", shells.probe, 20),
 )
 
 

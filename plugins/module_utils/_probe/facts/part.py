@@ -6,7 +6,7 @@
 import typing
 
 
-class Part(typing.NamedTuple):
+class FactPart(typing.NamedTuple):
     """A part of the machine: its name, which is a key of the answer, the function that looks, and its limit."""
 
     name: str

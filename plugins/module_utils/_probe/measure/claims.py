@@ -39,7 +39,9 @@ def claims(addresses: typing.Iterable[str], path: str = "/proc/net/route") -> ty
     return [Claim(address, interface, tuple(macs)).plain() for (interface, address), macs in ask(wanted[:MOST]).items()]
 
 
-def questions(interfaces: typing.Iterable[network.Interface], addresses: typing.Iterable[str]) -> typing.List[Question]:
+def questions(
+    interfaces: typing.Iterable[network.NetworkInterface], addresses: typing.Iterable[str]
+) -> typing.List[Question]:
     """List which address is asked for on which interface: the own ones first."""
     own, others = [], []
     wanted = [ipaddress.IPv4Address(address) for address in dict.fromkeys(addresses)]

@@ -57,7 +57,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
     found["announced"] = _resolve(node_hosts.announced(nodes, _service_uris(ros, nodes, tables[2]), members, own))
-    found["connections"], silent, asked = _connections(_sample(nodes), named, Places(members), own)
+    found["connections"], silent, asked = _connections(_sample(nodes), named, HostRobots(members), own)
     others = {node: uri for node, uri in nodes.items() if not _is_talker(node)}
     found["nodes"] = {"registered": len(others), "asked": asked, "hosts": node_hosts.count_hosts(others)}
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
@@ -167,7 +167,7 @@ def _parts(
 
 
 def _connections(
-    nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "Places", own: str
+    nodes: typing.Dict[str, str], named: typing.Dict[str, str], places: "HostRobots", own: str
 ) -> typing.Tuple[typing.List[typing.Dict[str, str]], typing.Dict[str, typing.Dict[str, str]], int]:
     """Ask own nodes ({node: URI}) for connections with nodes of other robots; return those, {silent node: why, outcomes}, and the number asked.
 
@@ -240,7 +240,7 @@ def _drop_ended(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]
     return [node for node in silent if now.get(node) == nodes[node]]
 
 
-class Places:
+class HostRobots:
     """The robots of hosts, as hosts stand in URIs."""
 
     def __init__(self, members: typing.List[typing.Dict[str, typing.Any]]) -> None:

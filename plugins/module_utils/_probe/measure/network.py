@@ -22,7 +22,7 @@ from ..._contract.network import DefaultRoute, PolicyRouting
 from ..._contract.outcomes import Outcome
 from ..._machine import network as machine
 from ..._machine.outcomes import classify_error, connect
-from ..multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, REFUSALS, Echo, echo_request, read_echoes
+from ..multicast.packets import IP_MTU_DISCOVER, IP_PMTUDISC_PROBE, REFUSALS, EchoReply, echo_request, read_echoes
 from .changes import LOG, carrier
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
@@ -36,7 +36,7 @@ UNUSED = 9  # a TCP port that no program uses: discard (RFC 863)
 LARGEST = 1500  # bytes of a large packet: what Ethernet takes
 
 
-class Answer(typing.NamedTuple):
+class EchoAnswer(typing.NamedTuple):
     """The answer to echo requests."""
 
     outcome: Outcome
@@ -98,7 +98,7 @@ def members(
         address, other = entry["address"], second[entry["name"]]
         entry.update(
             ping_address=pings[address],
-            ping_name=pings[entry["addresses"][0]] if entry["addresses"] else Answer(Outcome.UNKNOWN_NAME),
+            ping_name=pings[entry["addresses"][0]] if entry["addresses"] else EchoAnswer(Outcome.UNKNOWN_NAME),
             route=route_to_plain(machine.route_to(address)),
             discovery_route=route_to_plain(machine.route_to(other)) if other and other != address else None,
         )
@@ -150,7 +150,7 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
             _add_late(entry, late[address])
 
 
-def _add_late(entry: typing.Dict[str, typing.Any], late: Answer) -> None:
+def _add_late(entry: typing.Dict[str, typing.Any], late: EchoAnswer) -> None:
     """Add what came only after a while: the report of a router, or nothing at all."""
     if entry["ping_address"].outcome == Outcome.NO_ANSWER:
         entry["silent"] = late.outcome == Outcome.NO_ANSWER
@@ -249,18 +249,18 @@ def ping(
     tries: int = TRIES,
     answer: float = ANSWER,
     sizes: typing.Optional[typing.Dict[str, int]] = None,
-) -> typing.Dict[str, Answer]:
+) -> typing.Dict[str, EchoAnswer]:
     """Send ICMP echo requests to all addresses at once, and again to those that do not answer (RFC 792); needs root.
 
     With `sizes`, the packet to each address has so many bytes, and no router may split it.
     """
-    results = {address: Answer(Outcome.NO_ANSWER, tries=tries) for address in addresses}
+    results = {address: EchoAnswer(Outcome.NO_ANSWER, tries=tries) for address in addresses}
     if not results:
         return results
     try:
         link = socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_ICMP)
     except OSError as problem:
-        return dict.fromkeys(results, Answer(Outcome.FAILED, errno=problem.errno))
+        return dict.fromkeys(results, EchoAnswer(Outcome.FAILED, errno=problem.errno))
     with link:
         link.setblocking(False)
         if sizes:
@@ -270,7 +270,7 @@ def ping(
 
 
 def _ask(
-    link: socket.socket, results: typing.Dict[str, Answer], tries: int, answer: float, sizes: typing.Dict[str, int]
+    link: socket.socket, results: typing.Dict[str, EchoAnswer], tries: int, answer: float, sizes: typing.Dict[str, int]
 ) -> None:
     """Send requests to the addresses that have not answered, and read what comes back, as often as is asked for."""
     identifier = int.from_bytes(os.urandom(2), "big")
@@ -284,7 +284,7 @@ def _ask(
                 link.sendto(echo_request(identifier, sequence, sizes.get(address, 0)), (address, 0))
             except OSError as problem:
                 outcome, number = classify_error(problem)
-                results[address] = Answer(outcome, errno=number, tries=tries)
+                results[address] = EchoAnswer(outcome, errno=number, tries=tries)
         for heard in read_echoes(link, identifier, time.monotonic() + answer) if late else ():
             address, when = sent.get(heard.sequence, ("", 0.0))
             if address and not results[address].ok:
@@ -293,9 +293,9 @@ def _ask(
                 return
 
 
-def _judge(heard: Echo, address: str, when: float, tries: int) -> Answer:
+def _judge(heard: EchoReply, address: str, when: float, tries: int) -> EchoAnswer:
     """The answer to the request that was sent to an address at a time (monotonic seconds)."""
-    answer = Answer(heard.outcome, None, None, heard.type, heard.code, heard.source, tries)
+    answer = EchoAnswer(heard.outcome, None, None, heard.type, heard.code, heard.source, tries)
     if heard.outcome != Outcome.ANSWERED:
         return answer
     if heard.source != address:
@@ -370,7 +370,7 @@ def _add_last_words(links: typing.List[typing.Dict[str, typing.Any]]) -> None:
         link["last"] = said.get(link["interface"], "")
 
 
-def _list_hardware_addresses(interfaces: typing.Iterable[machine.Interface]) -> typing.List[str]:
+def _list_hardware_addresses(interfaces: typing.Iterable[machine.NetworkInterface]) -> typing.List[str]:
     """List those that may answer ARP, once each."""
     asked = (one for one in interfaces if one.up and not one.loopback and not one.point_to_point)
     macs = dict.fromkeys(text(f"/sys/class/net/{one.name}/address").strip() for one in asked)

@@ -80,12 +80,12 @@ def _read_states(units: typing.List[str]) -> typing.List[systemd.Properties]:
     return answer.units
 
 
-def _find_ends(units: typing.List[str], states: typing.List[systemd.Properties]) -> typing.Dict[str, unit_ends.End]:
+def _find_ends(units: typing.List[str], states: typing.List[systemd.Properties]) -> typing.Dict[str, unit_ends.UnitEnd]:
     """Find how each unit ended last: by the journal, else by its state; an empty result for one that has not ended."""
     failed = {unit: seen.get("Result", "") for unit, seen in zip(units, states) if _has_failed(seen)}
     ended = [unit for unit, seen in zip(units, states) if seen.get("NRestarts", "0") != "0" or unit in failed]
     known = unit_ends.find_ends(ended) if ended else {}
-    return {unit: known.get(unit, unit_ends.End(failed.get(unit, ""))) for unit in units}
+    return {unit: known.get(unit, unit_ends.UnitEnd(failed.get(unit, ""))) for unit in units}
 
 
 def _read_changed(pid: str, wanted: typing.Dict[str, str]) -> typing.Optional[typing.List[str]]:

@@ -12,7 +12,7 @@ from ..._base.problem import tell_reason
 from ..._contract.outcomes import Outcome
 from ..._machine.outcomes import connect
 from ..ros_client.hosts import place_of
-from ..ros_client.listener import Listener, Message, listener_of
+from ..ros_client.listener import Message, TopicListener, listener_of
 from ..ros_client.ros import Ros, roscore
 from .network import TRIES
 from .talker import sentence_of, topic_of
@@ -113,7 +113,7 @@ def listen(
     """
     wanted = {topic_of(talker): sentence_of(label, talker) for talker in talkers}
     try:
-        listener = Listener(ros, listener_of(own), wanted)
+        listener = TopicListener(ros, listener_of(own), wanted)
         listener.run(max(deadline, time.monotonic() + LEAST))
     except OSError as problem:
         return {}, dict.fromkeys(wanted, f"the listener failed: {tell_reason(problem)}"), None

@@ -16,7 +16,7 @@ from ..ros_client.documents import NODE
 from ..ros_client.hosts import host_of
 from ..ros_client.ros import CALLER, Ros
 from ..ros_client.xml_rpc import server
-from .exchange import Places, links, node_uris
+from .exchange import HostRobots, links, node_uris
 
 SECONDS = 3.0  # between the two readings
 READING = 3.0  # seconds for a reading of all nodes; a node that answers later is left out
@@ -38,7 +38,7 @@ def measure_traffic(
 
     The verification's own nodes are left out. Without a roscore there is nothing.
     """
-    places = Places(members)
+    places = HostRobots(members)
     robot = places.robot(own.lower())
     try:
         uris = node_uris(ros, ros.read_state()[0])
@@ -60,7 +60,7 @@ def measure_traffic(
     return {"seconds": round(max(spans, default=0.0), 1), "flows": flows[:MOST_FLOWS]}
 
 
-def _find_sent(uri: str, places: Places, robot: str) -> Sent:
+def _find_sent(uri: str, places: HostRobots, robot: str) -> Sent:
     """Ask a node of the robot for its connections with subscribers of other robots; none without an answer."""
     try:
         answer = server(uri, NODE).getBusInfo(CALLER)[2] if places.robot(host_of(uri)) == robot else []

@@ -31,7 +31,7 @@ Datagrams = typing.List[typing.Tuple[bytes, Address]]  # payload and destination
 Steps = typing.Iterator[typing.Tuple[float, Datagrams]]  # seconds until the next step, and what is sent in this one
 
 
-class Settings(typing.NamedTuple):
+class HelperSettings(typing.NamedTuple):
     """The settings with which a helper is started."""
 
     run: str
@@ -49,7 +49,7 @@ class Settings(typing.NamedTuple):
 BEFORE, DURING, AFTER = "before", "during", "after"  # the time at which a peer was asked, seen from the rounds
 
 
-class Account(typing.NamedTuple):
+class HeardCounts(typing.NamedTuple):
     """A peer's answer: of `sent` probes on the group it has heard `heard`, both since the helpers were started."""
 
     sent: int
@@ -57,7 +57,7 @@ class Account(typing.NamedTuple):
     heard_unicast: int
 
 
-class Peer:
+class GroupPeer:
     """One other computer."""
 
     def __init__(self, name: str, address: str) -> None:
@@ -74,7 +74,7 @@ class Peer:
         # sequence -> (BEFORE, DURING or AFTER, monotonic time, probes sent until then)
         self.asks: typing.Dict[int, typing.Tuple[str, float, int]] = {}
         self.samples: typing.List[typing.Tuple[float, float]] = []  # (round-trip time, clock offset) in seconds
-        self.accounts: typing.Dict[str, Account] = {}  # BEFORE, DURING or AFTER -> its latest one
+        self.accounts: typing.Dict[str, HeardCounts] = {}  # BEFORE, DURING or AFTER -> its latest one
 
 
 class Counts(typing.Counter[typing.Any]):
@@ -84,7 +84,7 @@ class Counts(typing.Counter[typing.Any]):
         super().__init__()
         self.places: typing.Counter[str] = collections.Counter()  # the name of a peer, empty for strangers -> sources
 
-    def count(self, key: typing.Any, source: Address, peer: typing.Optional[Peer], number: int = 1) -> None:
+    def count(self, key: typing.Any, source: Address, peer: typing.Optional[GroupPeer], number: int = 1) -> None:
         """Count what has come from a source.
 
         Anybody can send in the name of a peer, but not with the seal of its messages: what comes from there always counts.
@@ -102,12 +102,14 @@ class Helper:
     now: monotonic seconds. wall: seconds of the wall clock, which is compared with other wall clocks only.
     """
 
-    def __init__(self, settings: Settings, now: float) -> None:
+    def __init__(self, settings: HelperSettings, now: float) -> None:
         self.settings = settings
         self.peers = {
-            address: Peer(name, address) for address, name in settings.computers.items() if address != settings.address
+            address: GroupPeer(name, address)
+            for address, name in settings.computers.items()
+            if address != settings.address
         }
-        self.aliases: typing.Dict[str, Peer] = {}  # other source addresses of a peer, behind address translation
+        self.aliases: typing.Dict[str, GroupPeer] = {}  # other source addresses of a peer, behind address translation
         self.heard = Counts()  # (address, port, interface) -> probes on the group
         self.strangers = Counts()  # address, interface -> datagrams on the group from outside the fleet
         self.heard_unicast = Counts()  # address and port -> probes to this computer itself
@@ -167,14 +169,14 @@ class Helper:
             return [(answer, source)]
         if message.kind == ANSWER and message.sequence in peer.asks:
             when, asked, sent = peer.asks.pop(message.sequence)
-            peer.accounts[when] = Account(sent, message.heard, message.heard_unicast)
+            peer.accounts[when] = HeardCounts(sent, message.heard, message.heard_unicast)
             peer.source = message.source
             offset = ((message.arrived - message.asked) + (message.arrived - wall)) / 2  # RFC 5905, section 8
             if abs(offset) < LATEST:  # else the whole answer of this computer would be refused
                 peer.samples.append((now - asked, offset))
         return []
 
-    def _peer_at(self, address: str) -> typing.Optional[Peer]:
+    def _peer_at(self, address: str) -> typing.Optional[GroupPeer]:
         return self.peers.get(address) or self.aliases.get(address)
 
     def _apart(self, address: str) -> bool:
@@ -257,7 +259,7 @@ class Helper:
         singly = [address for address in self.peers if unicast or self._apart(address)]
         return [(b"", (self.settings.group, port))] + [(b"", (address, port)) for address in singly]
 
-    def _asks(self, peers: typing.Iterable[Peer], when: str) -> Datagrams:
+    def _asks(self, peers: typing.Iterable[GroupPeer], when: str) -> Datagrams:
         asks: Datagrams = []
         for peer in peers:
             if peer.control:
@@ -307,7 +309,7 @@ class Helper:
             "callers": [{"address": address, "datagrams": count} for address, count in sorted(self.callers.items())],
         }
 
-    def _entry(self, peer: Peer) -> typing.Dict[str, typing.Any]:
+    def _entry(self, peer: GroupPeer) -> typing.Dict[str, typing.Any]:
         probes = [
             (interface, address, count)
             for (address, port, interface), count in self.heard.items()
@@ -334,7 +336,7 @@ class Helper:
         )
 
     def _rate_reception(
-        self, peer: Peer, after: typing.Optional[Account]
+        self, peer: GroupPeer, after: typing.Optional[HeardCounts]
     ) -> typing.Tuple[typing.Optional[bool], typing.Optional[float]]:
         """Return True if a peer hears this computer on the group, and which share of the probes was lost; None if unknown."""
         before = peer.accounts.get(BEFORE)

@@ -17,7 +17,7 @@ import typing
 
 from ..._base.background import admit, answer, open_door, remove_door
 from ..._contract.outcomes import Outcome
-from .helper import Datagrams, Helper, Settings
+from .helper import Datagrams, Helper, HelperSettings
 from .packets import IP_PKTINFO, echo_request, open_copies, read_copies, read_echoes, take_waiting
 
 # linux/in.h and linux/icmp.h; Python does not name them in every version
@@ -34,7 +34,7 @@ ICMP_PAUSE, ICMP_LAST = 0.3, 1.0
 # The helper's sockets
 
 
-class Sockets(typing.NamedTuple):
+class HelperSockets(typing.NamedTuple):
     """The sockets of a helper."""
 
     copies: socket.socket  # raw: a copy of each datagram for the group's port
@@ -42,9 +42,9 @@ class Sockets(typing.NamedTuple):
     door: socket.socket  # the module's next run comes in here
 
 
-def open_sockets(settings: Settings, index: int, path: str) -> Sockets:
+def open_sockets(settings: HelperSettings, index: int, path: str) -> HelperSockets:
     """Open the sockets of a helper; `index` is the number of the interface, `path` that of the door. Raises OSError."""
-    return Sockets(_copies(settings, index), _control(settings, index), open_door(path))
+    return HelperSockets(_copies(settings, index), _control(settings, index), open_door(path))
 
 
 def _member(group: str, address: str, index: int) -> bytes:
@@ -52,14 +52,14 @@ def _member(group: str, address: str, index: int) -> bytes:
     return struct.pack("4s4si", socket.inet_aton(group), socket.inet_aton(address), index)
 
 
-def _copies(settings: Settings, index: int) -> socket.socket:
+def _copies(settings: HelperSettings, index: int) -> socket.socket:
     raw = open_copies(settings.port)
     raw.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
     raw.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _member(settings.group, settings.address, index))
     return raw
 
 
-def _control(settings: Settings, index: int) -> socket.socket:
+def _control(settings: HelperSettings, index: int) -> socket.socket:
     control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     control.setblocking(False)
     control.bind((settings.address, 0))
@@ -74,7 +74,7 @@ def _control(settings: Settings, index: int) -> socket.socket:
 # The helper's process
 
 
-def serve(sockets: Sockets, settings: Settings, path: str) -> None:
+def serve(sockets: HelperSockets, settings: HelperSettings, path: str) -> None:
     """Be the helper until it is no longer needed: move datagrams between the sockets and Helper."""
     helper = Helper(settings, time.monotonic())
     interfaces = dict(socket.if_nameindex())
@@ -114,7 +114,7 @@ def serve(sockets: Sockets, settings: Settings, path: str) -> None:
             connection.close()
 
 
-def plain(settings: Settings) -> typing.List[typing.Any]:
+def plain(settings: HelperSettings) -> typing.List[typing.Any]:
     """List the settings that must be the same in both tasks of a run, in a form that JSON leaves as it is.
 
     The label of the run is not among them: the door has it, and sentences to a user have this list.

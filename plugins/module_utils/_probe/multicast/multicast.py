@@ -13,7 +13,7 @@ from ..._base.commands import text
 from ..._base.plain_text import quote
 from ..._base.problem import Problem
 from ..._machine import network
-from .helper import Settings
+from .helper import HelperSettings
 from .helper_process import icmp_rounds, open_sockets, plain, serve
 from .memberships import drop_own, igmp6_memberships, igmp_memberships
 from .multicast_report import explain, icmp_round
@@ -111,7 +111,7 @@ def describe(seen: Result, group: str) -> str:
     return f"{group} has members on {', '.join(map(quote, members)) or 'no interface'}."
 
 
-def start(settings: Settings, index: int) -> Result:
+def start(settings: HelperSettings, index: int) -> Result:
     """Leave a helper behind; sockets that cannot be opened are a Problem before there is one."""
     path = path_of(KIND, settings.run)
     where = f"{settings.group}:{settings.port} on {settings.interface} ({settings.address})"
@@ -122,7 +122,7 @@ def start(settings: Settings, index: int) -> Result:
     return {"msg": f"Listening for {where}, for {settings.lifetime} s at most."}
 
 
-def collect(params: Params, settings: Settings, index: int) -> Result:
+def collect(params: Params, settings: HelperSettings, index: int) -> Result:
     """Let the helper measure, do the ICMP rounds meanwhile, and return both. Raises Problem."""
     request = {"do": "measure", "settings": plain(settings)}
     request.update((option, params[option]) for option in ("rounds", "interval", "unicast"))
@@ -149,7 +149,7 @@ def collect(params: Params, settings: Settings, index: int) -> Result:
     return dict(reply, icmp=icmp, multicast_ok=ok, msg=explain(reply, settings.port))
 
 
-def ping(settings: Settings, index: int, params: Params) -> Result:
+def ping(settings: HelperSettings, index: int, params: Params) -> Result:
     """Ping the group; that is an addition, so its error is returned beside the rest."""
     answered: typing.List[typing.Set[str]] = []
     error = None
@@ -168,9 +168,9 @@ def ping(settings: Settings, index: int, params: Params) -> Result:
     }
 
 
-def settings_of(params: Params, interface: str, addresses: typing.Tuple[str, ...]) -> Settings:
+def settings_of(params: Params, interface: str, addresses: typing.Tuple[str, ...]) -> HelperSettings:
     """Make the settings of a helper out of the options."""
-    return Settings(
+    return HelperSettings(
         run=params["run"],
         group=params["group"],
         port=params["port"],

@@ -32,7 +32,7 @@ REFUSALS = {
 }
 
 
-class Packet(typing.NamedTuple):
+class RawPacket(typing.NamedTuple):
     """One IPv4 packet as a raw socket returns it."""
 
     source: str
@@ -41,7 +41,7 @@ class Packet(typing.NamedTuple):
     body: bytes
 
 
-class Datagram(typing.NamedTuple):
+class UdpDatagram(typing.NamedTuple):
     """A UDP datagram: the first bytes of its payload, and the length of all of it."""
 
     source: typing.Tuple[str, int]
@@ -50,7 +50,7 @@ class Datagram(typing.NamedTuple):
     length: int
 
 
-class Echo(typing.NamedTuple):
+class EchoReply(typing.NamedTuple):
     """The answer to an echo request: a reply, or the refusal of a router."""
 
     source: str
@@ -60,12 +60,12 @@ class Echo(typing.NamedTuple):
     code: int = 0
 
 
-def packet(data: bytes) -> typing.Optional[Packet]:
+def packet(data: bytes) -> typing.Optional[RawPacket]:
     """Split an IPv4 packet (RFC 791, section 3.1); None where it is too short to be one."""
     length = (data[0] & 0x0F) * 4 if data else 0
     if length < 20 or len(data) < length:
         return None
-    return Packet(socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20]), data[:length], data[length:])
+    return RawPacket(socket.inet_ntoa(data[12:16]), socket.inet_ntoa(data[16:20]), data[:length], data[length:])
 
 
 def attach_filter(link: socket.socket, program: typing.Sequence[typing.Tuple[int, int, int, int]]) -> None:
@@ -86,7 +86,7 @@ def open_copies(port: int) -> socket.socket:
     return raw
 
 
-def datagram(data: bytes, port: int) -> typing.Optional[Datagram]:
+def datagram(data: bytes, port: int) -> typing.Optional[UdpDatagram]:
     """Read a UDP datagram to a port out of an IPv4 packet; None for anything else."""
     found = packet(data)
     if found is None or len(found.body) < UDP_HEADER:
@@ -94,10 +94,10 @@ def datagram(data: bytes, port: int) -> typing.Optional[Datagram]:
     origin, target, length = struct.unpack("!HHH", found.body[:6])
     if target != port:
         return None
-    return Datagram((found.source, origin), found.destination, found.body[UDP_HEADER:], length - UDP_HEADER)
+    return UdpDatagram((found.source, origin), found.destination, found.body[UDP_HEADER:], length - UDP_HEADER)
 
 
-def read_copies(raw: socket.socket, port: int) -> typing.Iterator[typing.Tuple[Datagram, int]]:
+def read_copies(raw: socket.socket, port: int) -> typing.Iterator[typing.Tuple[UdpDatagram, int]]:
     """Yield the datagrams to a port that wait in a raw socket, with the number of their interface; 0 where that is not told (IP_PKTINFO)."""
     for data, ancillary, _flags, _sender in take_waiting(lambda: raw.recvmsg(128, 64)):
         found = datagram(data, port)
@@ -152,24 +152,24 @@ def echo_request(identifier: int, sequence: int, size: int = 0) -> bytes:
     return head[:2] + struct.pack("!H", checksum(head)) + head[4:]
 
 
-def echo(received: bytes, identifier: int) -> typing.Optional[Echo]:
+def echo(received: bytes, identifier: int) -> typing.Optional[EchoReply]:
     """Read the answer to an echo request of ours out of an IPv4 packet; None for anything else."""
     outer = packet(received)
     if outer is None or len(outer.body) < 8:
         return None
     kind, code, echoed, sequence = struct.unpack("!BB2xHH", outer.body[:8])
     if (kind, code) == (0, 0):
-        return Echo(outer.source, sequence, Outcome.ANSWERED) if echoed == identifier else None
+        return EchoReply(outer.source, sequence, Outcome.ANSWERED) if echoed == identifier else None
     inner = packet(outer.body[8:]) if (kind, code) in REFUSALS else None
     if inner is None or len(inner.body) < 8:
         return None
     kind_sent, echoed, sequence = struct.unpack("!B3xHH", inner.body[:8])
     if (kind_sent, echoed) != (8, identifier):
         return None
-    return Echo(outer.source, sequence, REFUSALS[kind, code][0], kind, code)
+    return EchoReply(outer.source, sequence, REFUSALS[kind, code][0], kind, code)
 
 
-def read_echoes(link: socket.socket, identifier: int, deadline: float) -> typing.Iterator[Echo]:
+def read_echoes(link: socket.socket, identifier: int, deadline: float) -> typing.Iterator[EchoReply]:
     """Yield the answers to our echo requests until the deadline (monotonic seconds)."""
     while time.monotonic() < deadline:
         if not select.select([link], [], [], max(0.0, deadline - time.monotonic()))[0]:

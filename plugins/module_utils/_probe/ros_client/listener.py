@@ -46,7 +46,7 @@ def listener_of(computer: str) -> str:
     return re.sub(r"\W", "_", f"multimaster_verify_listener_{computer}")
 
 
-class Listener:
+class TopicListener:
     """Subscribes topics until each has said its text."""
 
     def __init__(self, ros: Ros, name: str, wanted: typing.Mapping[str, str]) -> None:
@@ -62,7 +62,7 @@ class Listener:
         self._open = set(wanted)  # topics that have not said it yet
         self._done = threading.Event()
         self.name = f"/{name}_{os.getpid()}_{int(time.time() * 1000)}"
-        self.node = node.Node(self.name, node.host_of(ros.variables, ros.uri), ros.uri, {}, self._on_publishers)
+        self.node = node.ProbeNode(self.name, node.host_of(ros.variables, ros.uri), ros.uri, {}, self._on_publishers)
 
     def run(self, deadline: float) -> None:
         """Listen until everything is heard, or until the deadline (monotonic seconds). Raises OSError without a roscore."""

@@ -81,7 +81,7 @@ class _Link:
         self.deadline: typing.Optional[float] = time.monotonic() + REQUEST
 
 
-class Node:
+class ProbeNode:
     """A node with its sockets. `told` is called with the name of a topic and its publishers when the roscore tells them."""
 
     def __init__(
@@ -285,9 +285,9 @@ ANSWERS: typing.Dict[str, typing.Callable[..., typing.List[typing.Any]]] = {
     "getPublications": lambda node: [1, "", [[topic, TYPE] for topic in node.topics]],
     "getSubscriptions": lambda node: [1, "", []],
     "paramUpdate": lambda node, key, value: [0, "no parameter is read", 0],
-    "publisherUpdate": Node.take_publishers,
-    "requestTopic": Node.ask_for_topic,
-    "shutdown": Node.end,
+    "publisherUpdate": ProbeNode.take_publishers,
+    "requestTopic": ProbeNode.ask_for_topic,
+    "shutdown": ProbeNode.end,
 }
 
 
@@ -301,7 +301,7 @@ def main(name: str, topic: str, text: str) -> None:
         signal.signal(number, _leave)
     socket.setdefaulttimeout(REQUEST)
     uri = os.environ["ROS_MASTER_URI"]
-    node = Node(name, host_of(os.environ, uri), uri, {topic: text})
+    node = ProbeNode(name, host_of(os.environ, uri), uri, {topic: text})
     roscore = xmlrpc.client.ServerProxy(uri)
     try:
         while not _register(roscore, name, topic, node.uri):

@@ -30,7 +30,7 @@ _ENTRIES = 50000  # of all lists of an answer
 Row = typing.Dict[str, typing.Any]
 
 
-class Reader:
+class ValueReader:
     """The values of a message, one after the other. Raises ValueError where they are none."""
 
     def __init__(self, data: bytes) -> None:
@@ -52,7 +52,7 @@ class Reader:
         """Strings, by these names."""
         return {name: self.text() for name in names}
 
-    def items(self, read: typing.Callable[["Reader"], typing.Any]) -> typing.List[typing.Any]:
+    def items(self, read: typing.Callable[["ValueReader"], typing.Any]) -> typing.List[typing.Any]:
         """A list of values that `read` reads."""
         count = self.number()
         self._entries += count
@@ -68,7 +68,7 @@ class Reader:
         return piece
 
 
-def _master(reader: Reader) -> Row:
+def _master(reader: ValueReader) -> Row:
     """fkie_multimaster_msgs/ROSMaster."""
     name, uri = reader.text(), reader.text()
     for unused in range(4):  # two times of 8 bytes: numbers before 1.1, times of ROS since
@@ -82,28 +82,28 @@ def _master(reader: Reader) -> Row:
     }
 
 
-def _topic(reader: Reader) -> Row:
+def _topic(reader: ValueReader) -> Row:
     """fkie_multimaster_msgs/SyncTopicInfo."""
     return reader.texts("topic", "node", "nodeuri")
 
 
-def _service(reader: Reader) -> Row:
+def _service(reader: ValueReader) -> Row:
     """fkie_multimaster_msgs/SyncServiceInfo."""
     return reader.texts("service", "serviceuri", "node", "nodeuri")
 
 
-def _sync_master(reader: Reader) -> Row:
+def _sync_master(reader: ValueReader) -> Row:
     """fkie_multimaster_msgs/SyncMasterInfo."""
     return {
         "masteruri": reader.text(),
-        "nodes": reader.items(Reader.text),
+        "nodes": reader.items(ValueReader.text),
         "publisher": reader.items(_topic),
         "subscriber": reader.items(_topic),
         "services": reader.items(_service),
     }
 
 
-Types = typing.Mapping[str, typing.Callable[[Reader], Row]]
+Types = typing.Mapping[str, typing.Callable[[ValueReader], Row]]
 
 # md5 sum of a service -> how an entry of its answer is read; both services answer with one list, and ask nothing.
 # Upstream's from 0.3.6 on, which is older than all that run where the modules do.
@@ -146,7 +146,7 @@ def call(uri: str, service: str, known: Types, caller: str) -> typing.Tuple[typi
             answer = _read_block(connection, MOST, deadline)
         if not good:
             raise OSError(f"{service}: {quote(answer.decode('utf-8', 'replace'))}")
-        return Reader(answer).items(known[fields["md5sum"]]), plain(fields.get("type", ""))
+        return ValueReader(answer).items(known[fields["md5sum"]]), plain(fields.get("type", ""))
 
 
 def call_by_name(master: str, service: str, known: Types, caller: str) -> typing.Tuple[typing.List[Row], str]:
@@ -166,7 +166,7 @@ def hear(
     with _explain(late, strange), socket.create_connection(place, CALL) as connection:
         on_open()
         fields = _subscribe(connection, topic, caller, deadline, tcp_nodelay="1")
-        return plain(Reader(_read_block(connection, _HEADER, deadline)).text()), plain(fields.get("callerid", ""))
+        return plain(ValueReader(_read_block(connection, _HEADER, deadline)).text()), plain(fields.get("callerid", ""))
 
 
 def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds: float) -> typing.Tuple[int, float]:
@@ -181,7 +181,7 @@ def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds:
         if "stream" not in _subscribe(connection, topic, caller, deadline, stream=f"{seconds:g}"):
             raise OSError("it takes no stream")
         _send(connection, deadline)
-        came, took = Reader(_read_block(connection, _HEADER, deadline)).text().split()
+        came, took = ValueReader(_read_block(connection, _HEADER, deadline)).text().split()
         if not 0 < int(came) <= 2 * node.STREAM_BYTES or not LEAST <= float(took) <= node.REQUEST:
             raise ValueError(f"{quote(came)} bytes in {quote(took)} s")
         return int(came), float(took)

@@ -16,7 +16,7 @@ import socket
 import struct
 import typing
 
-from ..._machine.network import Port
+from ..._machine.network import UpperInterface
 from ..multicast.packets import ARP_OF_IPV4, attach_filter, checksum, packet, read_arp, take_waiting, write_mac
 
 ANY_PROTOCOL = 3  # ETH_P_ALL of linux/if_ether.h: only such a socket is shown what goes out
@@ -171,7 +171,7 @@ def count_lost(link: socket.socket) -> int:
 
 
 def read_packets(
-    link: socket.socket, tag: Tag, most: int, ports: typing.Mapping[str, Port]
+    link: socket.socket, tag: Tag, most: int, ports: typing.Mapping[str, UpperInterface]
 ) -> typing.Iterator[Capture]:
     """Yield the packets of a run that wait in the socket, so many at most. `ports`: the interfaces below a bridge or a bond."""
     above = {port.master for port in ports.values()}

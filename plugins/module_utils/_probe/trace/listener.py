@@ -10,7 +10,7 @@ import time
 import typing
 
 from ..._base.background import admit, answer, remove_door
-from ..._machine.network import Port, neighbours, read_ports
+from ..._machine.network import UpperInterface, neighbours, read_ports
 from .capture import Capture, Tag, count_lost, read_packets
 from .counters import Counters, find_growth, read_counters
 from .drops import DropReasons
@@ -70,7 +70,7 @@ def _listen(
     tag: Tag,
     packets: Packets,
     until: float,
-    own_ports: typing.Mapping[str, Port],
+    own_ports: typing.Mapping[str, UpperInterface],
 ) -> typing.Optional[socket.socket]:
     """Take packets until a visitor comes; returns its connection, None after the time."""
     while time.monotonic() < until:

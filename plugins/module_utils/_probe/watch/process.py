@@ -15,7 +15,7 @@ import time
 import typing
 
 from ..._base.background import admit, answer, remove_door
-from ..multicast.packets import Datagram, read_copies
+from ..multicast.packets import UdpDatagram, read_copies
 from .readings import LastLook, Params, Values, read_all, read_clocks
 from .watch import GOOD, Watch
 
@@ -30,7 +30,7 @@ MARK = b"R"
 Visitor = typing.Tuple[socket.socket, float]  # it waits for the next loss, until a time (monotonic seconds)
 
 
-def read_rate(found: Datagram) -> typing.Optional[float]:
+def read_rate(found: UdpDatagram) -> typing.Optional[float]:
     """Read the heartbeats a second that a heartbeat of discovery promises (docs/understand/protocol.md); None for anything else."""
     record = found.payload[:RECORD]
     return record[2] / 10 if len(record) == found.length == RECORD and record[:1] == MARK else None

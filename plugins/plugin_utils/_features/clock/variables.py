@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..._base.features import Part
+from ..._base.features import FeaturePart
 from ..._inventory import kinds
 from ..._inventory.rows import VariableHooks, row
 
 
 @dataclass(frozen=True)
-class ClockVariables(Part):
+class ClockVariables(FeaturePart):
     """The source of the fleet's time."""
 
     feature = "clock"

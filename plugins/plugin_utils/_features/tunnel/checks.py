@@ -14,7 +14,7 @@ from ..._verify.context.case import Case
 from ..._verify.context.needs import Parts, make_parts
 from ..._verify.observe.observations import SeenTunnel, TunnelPeer
 from .context import list_way_parts
-from .model import Peer, Tunnel
+from .model import PlannedPeer, Tunnel
 
 HEADERS = 60  # bytes: of IPv4, UDP and WireGuard around each packet
 
@@ -47,7 +47,7 @@ def _judge_own_tunnel(case: Case) -> Judgement | None:
 LATE = 120.0  # seconds; more than from the first answer of a computer to the last
 
 
-def _find_planned(case: Case, observer: str, target: str) -> Peer | None:
+def _find_planned(case: Case, observer: str, target: str) -> PlannedPeer | None:
     """Return the planned peer of a computer."""
     plan = case.fleet.computers.get(observer)
     tunnel = Tunnel.find(plan) if plan else None
@@ -59,7 +59,7 @@ def _look_at(case: Case, computer: str) -> SeenTunnel:
     return case.run[computer].probe.tunnel if computer in case.run else SeenTunnel()
 
 
-def _find_peer(case: Case, observer: str, planned: Peer) -> TunnelPeer | None:
+def _find_peer(case: Case, observer: str, planned: PlannedPeer) -> TunnelPeer | None:
     """Find a planned peer at a computer by its own address; none where it is reached through the hub."""
     seen = _look_at(case, observer)
     if not seen.up or _find_planned(case, observer, planned.computer) is None:
@@ -67,11 +67,11 @@ def _find_peer(case: Case, observer: str, planned: Peer) -> TunnelPeer | None:
     return next((peer for peer in seen.peers if str(planned.networks[0]) in peer.networks), None)
 
 
-def _is_as_planned(peer: TunnelPeer | None, planned: Peer) -> bool:
+def _is_as_planned(peer: TunnelPeer | None, planned: PlannedPeer) -> bool:
     return peer is not None and sorted(peer.networks) == sorted(map(str, planned.networks))
 
 
-def _has_its_key(case: Case, observer: str, planned: Peer) -> bool:
+def _has_its_key(case: Case, observer: str, planned: PlannedPeer) -> bool:
     """Return True if a computer has the key of the target; where the target was not looked at, nothing else is known."""
     there, peer = _look_at(case, planned.computer), _find_peer(case, observer, planned)
     return not there.up or peer is None or peer.public_key == there.public_key
@@ -83,13 +83,13 @@ def _hears(case: Case, observer: str) -> bool:
     return not seen.up or any(peer.heard for peer in seen.peers)
 
 
-def _is_heard(case: Case, planned: Peer, observer: str) -> bool:
+def _is_heard(case: Case, planned: PlannedPeer, observer: str) -> bool:
     """Return True if any other computer hears this one."""
     peers = [_find_peer(case, other, planned) for other in case.run if other not in (observer, planned.computer)]
     return any(peer.heard for peer in peers if peer)
 
 
-def _find_silence(case: Case, planned: Peer) -> Parts:
+def _find_silence(case: Case, planned: PlannedPeer) -> Parts:
     """Return the tunnel through which nothing comes: that of one of the two, where others do not get through either; else what is between."""
     name = case.observer.name
     deaf, mute = not _hears(case, name), not _is_heard(case, planned, name)
@@ -125,7 +125,7 @@ def _find_mistake(case: Case, one: str, other: str) -> Parts:
     return make_parts("tunnel", other, "key")
 
 
-def _find_fault(case: Case, planned: Peer, peer: TunnelPeer | None) -> Parts:
+def _find_fault(case: Case, planned: PlannedPeer, peer: TunnelPeer | None) -> Parts:
     name, target = case.observer.name, case.target
     if peer and peer.beside:
         return make_parts("tunnel", name, "beside", what=", ".join(peer.beside))

@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv4Network
 
 from ..._base.plain import notation
-from ..._plan.model import PlannedInterface, PlanPart, Route
+from ..._plan.model import PlannedInterface, PlannedRoute, PlanPart
 
 INTERFACE = "multimaster0"
 MTU = 1420  # bytes; what wg-quick takes over a network of 1500
 
 
 @dataclass(frozen=True)
-class Peer:
+class PlannedPeer:
     """Another computer in the tunnel."""
 
     computer: str
@@ -35,8 +35,8 @@ class Tunnel(PlanPart):
     address: IPv4Address
     network: IPv4Network
     port: int
-    peers: tuple[Peer, ...] = ()
-    routes: tuple[Route, ...] = ()  # to the networks behind other computers
+    peers: tuple[PlannedPeer, ...] = ()
+    routes: tuple[PlannedRoute, ...] = ()  # to the networks behind other computers
     hub: bool | None = field(default=None, metadata=notation(left_out=True))  # it passes packets on between its peers
 
     def find_carrier(self, address: IPv4Address) -> str:

@@ -17,7 +17,7 @@ from ..._inventory.model import Computer, Fleet, Robot
 from ..._plan.hooks import PlanHooks
 from ..._plan.model import ComputerPlan
 from ..._plan.plan import list_behind, list_network_routes
-from .model import INTERFACE, Peer, Tunnel
+from .model import INTERFACE, PlannedPeer, Tunnel
 from .variables import EndpointVariables, TunnelVariables
 
 
@@ -37,7 +37,7 @@ def make_tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> Tunnel | None
     )
 
 
-def _list_peers(fleet: Fleet, computer: Computer) -> Iterator[Peer]:
+def _list_peers(fleet: Fleet, computer: Computer) -> Iterator[PlannedPeer]:
     """Yield the peers of a computer. Where there is a hub, all between others of which one has no endpoint goes through it."""
     others = [
         (own, (IPv4Network(own.discovery_address), *list_behind(robot, own)))  # what is its own in the tunnel
@@ -49,7 +49,7 @@ def _list_peers(fleet: Fleet, computer: Computer) -> Iterator[Peer]:
     behind = [network for own, networks in others if own in by_hub for network in networks]
     for own, networks in others:
         if own not in by_hub:
-            yield Peer(own.name, (*networks, *(behind if own == _find_hub(fleet) else ())), _find_endpoint(own))
+            yield PlannedPeer(own.name, (*networks, *(behind if own == _find_hub(fleet) else ())), _find_endpoint(own))
 
 
 def _is_reached_by_hub(fleet: Fleet, one: Computer, other: Computer) -> bool:

@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Network
 
-from ..._base.features import Part
+from ..._base.features import FeaturePart
 from ..._inventory import kinds
 from ..._inventory.rows import VariableHooks, row, word
 
 
 @dataclass(frozen=True)
-class TunnelVariables(Part):
+class TunnelVariables(FeaturePart):
     """The tunnel that is the common network of the fleet."""
 
     feature = "tunnel"
@@ -26,7 +26,7 @@ class TunnelVariables(Part):
 
 
 @dataclass(frozen=True)
-class EndpointVariables(Part):
+class EndpointVariables(FeaturePart):
     """The end of the tunnel on a computer."""
 
     feature = "tunnel"

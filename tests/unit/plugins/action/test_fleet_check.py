@@ -8,7 +8,7 @@ import types
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action.fleet_check import ActionModule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, Interface
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, PlannedAddress
 
 ROUTER = {
     "computer": "router",
@@ -44,7 +44,7 @@ def check(plan, machine=None, **options):
 def test_the_plan_comes_back_as_plain_data():
     plan = from_plain(ComputerPlan, ROUTER)
     given = to_plain(plan)
-    given["networks"] = [to_plain(Interface(plan.network, plan.address))]
+    given["networks"] = [to_plain(PlannedAddress(plan.network, plan.address))]
     given["sysctl"] = [{"name": "net.ipv4.conf.{common}.send_redirects", "value": "0"}]
     result = check(given)
     assert (result.get("failed", False), result["problems"], result["warnings"]) == (False, [], [])

@@ -25,7 +25,7 @@ from ...._base.plain_text import quote
 from ...._base.problem import Problem, explain_unreadable
 from ...._machine import network
 from ...transaction import atomic
-from ..kernel import Route
+from ..kernel import RouteSpec
 
 NAME = "rosfleet-multimaster"
 HEADER = "# Managed by Ansible: rosfleet.multimaster.routes writes this whole file, so changes here do not last.\n"
@@ -33,13 +33,13 @@ HEADER = "# Managed by Ansible: rosfleet.multimaster.routes writes this whole fi
 Places = typing.Dict[str, str]  # place -> its text now
 PlannedTexts = typing.Dict[str, typing.Optional[str]]  # place -> its wanted text, None for nothing
 RecordedTexts = typing.Dict[str, typing.List[str]]  # place -> every text that earlier runs may have left there
-RoutesByInterface = typing.Dict[str, typing.List[Route]]  # interface -> its routes
+RoutesByInterface = typing.Dict[str, typing.List[RouteSpec]]  # interface -> its routes
 
 
-class Machine(typing.NamedTuple):
+class MachineContext(typing.NamedTuple):
     """The facts about the machine that every back end may use."""
 
-    interfaces: typing.Dict[str, network.Interface]  # by name
+    interfaces: typing.Dict[str, network.NetworkInterface]  # by name
     booted: bool  # this is the running system with systemd, so commands reach its managers
     root: str = "/"  # the folder that holds the files of the machine
 
@@ -48,14 +48,14 @@ class Machine(typing.NamedTuple):
         return os.path.join(self.root, place.lstrip("/"))
 
 
-def read_machine(root: str) -> Machine:
+def read_machine(root: str) -> MachineContext:
     """This machine. Raises Problem where its interfaces cannot be read."""
     try:
         interfaces = network.interfaces()
     except OSError as problem:
         raise Problem(f"routes: {problem}; expected the command ip (package iproute2).") from problem
     booted = root == "/" and os.path.isdir("/run/systemd/system")
-    return Machine({link.name: link for link in interfaces}, booted, root)
+    return MachineContext({link.name: link for link in interfaces}, booted, root)
 
 
 class BackEnd:
@@ -70,7 +70,7 @@ class BackEnd:
     takes_precedence = False  # True where its routes replace routes of others at boot, too
     inexpressible: typing.Tuple[str, ...] = ()  # fields of a route that its configuration cannot express
 
-    def __init__(self, machine: Machine, recorded: RecordedTexts) -> None:
+    def __init__(self, machine: MachineContext, recorded: RecordedTexts) -> None:
         """`recorded`: two texts of a place after a killed run."""
         self.machine, self.recorded = machine, recorded
 

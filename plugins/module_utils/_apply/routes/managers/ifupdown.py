@@ -9,7 +9,7 @@ import typing
 
 from ...._base import commands
 from ...._base.problem import Problem
-from ..kernel import Route, to_words
+from ..kernel import RouteSpec, to_words
 from . import contract
 
 # run-parts(8) passes over names with a dot, so the name has none.
@@ -67,11 +67,11 @@ class BackEnd(contract.BackEnd):
         return text
 
 
-def _case(interface: str, routes: typing.List[Route]) -> str:
+def _case(interface: str, routes: typing.List[RouteSpec]) -> str:
     """The lines for one interface, "" without routes."""
     lines = "".join(f"    {_line(route)}\n" for route in routes)
     return f"{shlex.quote(interface)})\n{lines}    ;;\n" if routes else ""
 
 
-def _line(route: Route) -> str:
+def _line(route: RouteSpec) -> str:
     return " ".join(["replace", f"-{route.version}", *(shlex.quote(word) for word in to_words(route))])

@@ -19,7 +19,7 @@ from ...._base import commands
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
 from ...transaction import atomic
-from ..kernel import DEFAULTS, Route
+from ..kernel import DEFAULTS, RouteSpec
 from . import contract, networkd, networkmanager
 
 FILE = f"/etc/netplan/90-{contract.NAME}.yaml"
@@ -59,7 +59,7 @@ class BackEnd(contract.BackEnd):
     mode = 0o600
     inexpressible = ("advmss",)
 
-    def __init__(self, machine: contract.Machine, recorded: contract.RecordedTexts) -> None:
+    def __init__(self, machine: contract.MachineContext, recorded: contract.RecordedTexts) -> None:
         super().__init__(machine, recorded)
         # by the interface on which they are in effect
         self._definitions = dict([*self._read_networkmanager(), *self._read_networkd()])
@@ -254,7 +254,7 @@ _KEYS = (
 )
 
 
-def _render_route(route: Route) -> typing.List[str]:
+def _render_route(route: RouteSpec) -> typing.List[str]:
     values = [(key, getattr(route, field), usual) for key, field, usual in _KEYS]
     lines = [f"{key}: {_render_scalar(value)}" for key, value, usual in values if value not in ("", usual)]
     if route.type == "unicast" and not route.gateway and not route.scope:

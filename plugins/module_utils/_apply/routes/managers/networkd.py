@@ -13,7 +13,7 @@ from ...._base import commands
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
 from ...transaction import atomic
-from ..kernel import Route
+from ..kernel import RouteSpec
 from . import contract
 
 FOLDER = "/etc/systemd/network"
@@ -194,7 +194,7 @@ _KEYS = (
 )
 
 
-def _render_section(route: Route) -> str:
+def _render_section(route: RouteSpec) -> str:
     values = [(key, getattr(route, field), usual) for key, field, usual in _KEYS]
     lines = [f"{key}={'yes' if value is True else value}" for key, value, usual in values if value != usual]
     return "\n[Route]\n" + "\n".join(lines) + "\n"

@@ -14,7 +14,7 @@ import typing
 from ...._base import commands
 from ...._base.plain_text import LINE, quote
 from ...._base.problem import Problem
-from ..kernel import MAIN, Route
+from ..kernel import MAIN, RouteSpec
 from . import contract
 
 PREFIX = "nmcli:"
@@ -76,7 +76,7 @@ class BackEnd(contract.BackEnd):
     name = "networkmanager"
     inexpressible = ("advmss",)  # before 1.46
 
-    def __init__(self, machine: contract.Machine, recorded: contract.RecordedTexts) -> None:
+    def __init__(self, machine: contract.MachineContext, recorded: contract.RecordedTexts) -> None:
         super().__init__(machine, recorded)
         self._active = active_profiles() if machine.booted else {}
         self._ours = {place: set("".join(texts).splitlines()) for place, texts in recorded.items()}
@@ -256,7 +256,7 @@ def _normalize(version: int, words: typing.List[str]) -> str:
 _SCOPES = {"global": 0, "link": 253, "host": 254}  # rtnetlink(7)
 
 
-def format_line(route: Route, profile_table: int) -> str:
+def format_line(route: RouteSpec, profile_table: int) -> str:
     """A route of ours as a line. `profile_table` is the profile's route-table: 0 for none, so for the table main."""
     words = [route.destination] + ([route.gateway] if route.gateway else [])
     words.append(str(route.metric))  # without it NetworkManager takes that of the interface, 100 and more

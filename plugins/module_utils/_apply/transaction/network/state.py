@@ -40,7 +40,7 @@ _NOUNS = {"filter": "part of the packet filter"}
 _WITHOUT_INPUT = {"[l3mdev-table]": "l3mdev"}
 
 
-class Item(typing.NamedTuple):
+class NetworkItem(typing.NamedTuple):
     """An address, a route or a rule; or a rule of the packet filter, or a chain of it that drops by default."""
 
     kind: str  # of KINDS
@@ -75,7 +75,7 @@ def find_word(words: typing.Sequence[str], name: str) -> str:
 class Snapshot(typing.NamedTuple):
     """The network state of this computer at one moment."""
 
-    items: typing.List[Item]
+    items: typing.List[NetworkItem]
     links: typing.List[str]  # the names of the interfaces
     unseen: typing.Dict[str, str]  # a sentence for each part that could not be looked at, such as "route 4"
     filtered: bool = False  # the packet filter was looked at, too
@@ -87,7 +87,7 @@ class Snapshot(typing.NamedTuple):
 
 def from_json(data: typing.Mapping[str, typing.Any]) -> Snapshot:
     """The snapshot in plain data of `to_json`."""
-    return Snapshot([Item(*item) for item in data["items"]], data["links"], data["unseen"], data["filtered"])
+    return Snapshot([NetworkItem(*item) for item in data["items"]], data["links"], data["unseen"], data["filtered"])
 
 
 # Reading
@@ -120,7 +120,7 @@ def read(most: typing.Optional[int] = None, filtered: bool = False) -> Snapshot:
     return snapshot
 
 
-def _read_routes(snapshot: Snapshot, version: int) -> typing.List[Item]:
+def _read_routes(snapshot: Snapshot, version: int) -> typing.List[NetworkItem]:
     show = ["ip", "-oneline", "-details", f"-{version}", "route", "show", "table", "all"]
     part, what = f"route {version}", f"The routes of IPv{version}"
     text = _ask(snapshot, part, what, show)
@@ -143,7 +143,7 @@ def _ask(snapshot: Snapshot, part: str, what: str, words: typing.List[str]) -> s
     return answer.text if answer.status == 0 else ""
 
 
-def parse_addresses(links: typing.Any) -> typing.Tuple[typing.List[str], typing.List[Item]]:
+def parse_addresses(links: typing.Any) -> typing.Tuple[typing.List[str], typing.List[NetworkItem]]:
     """The names of the interfaces and their addresses, without those with a lifetime, in the JSON of `ip address`."""
     links = [link for link in links if "ifname" in link]  # old versions leave empty objects
     items = []
@@ -155,7 +155,7 @@ def parse_addresses(links: typing.Any) -> typing.Tuple[typing.List[str], typing.
     return [link["ifname"] for link in links], items
 
 
-def _make_address(interface: str, entry: typing.Dict[str, typing.Any]) -> Item:
+def _make_address(interface: str, entry: typing.Dict[str, typing.Any]) -> NetworkItem:
     """An address in the words of `ip address add`."""
     peer = ["peer", f"{entry['address']}/{entry['prefixlen']}"] if "address" in entry else []
     words = [entry["local"], *peer] if peer else [f"{entry['local']}/{entry['prefixlen']}"]
@@ -163,23 +163,23 @@ def _make_address(interface: str, entry: typing.Dict[str, typing.Any]) -> Item:
     words += ["dev", interface, "scope", str(entry.get("scope", "global"))]
     words += ["label", entry["label"]] if entry.get("label", interface) != interface else []
     words += [flag for flag in ("home", "nodad", "mngtmpaddr", "noprefixroute") if entry.get(flag)]
-    return Item("address", 6 if entry["family"] == "inet6" else 4, " ".join(words))
+    return NetworkItem("address", 6 if entry["family"] == "inet6" else 4, " ".join(words))
 
 
-def parse_routes(lines: typing.Iterable[str], version: int) -> typing.List[Item]:
+def parse_routes(lines: typing.Iterable[str], version: int) -> typing.List[NetworkItem]:
     """The routes in lines of `ip -oneline -details route show table all`; those of routing daemons come last."""
-    own: typing.List[Item] = []
-    of_daemons: typing.List[Item] = []
+    own: typing.List[NetworkItem] = []
+    of_daemons: typing.List[NetworkItem] = []
     for line in lines:
         match = _PROTOCOL.search(line)
         protocol = match.group(1) if match else ""
         if line.strip() and line[0] != "\t" and protocol not in _RETURNING:
             text = _MARKS.sub("", " ".join(line.replace("\\", " ").split()))
-            (of_daemons if protocol in _DAEMONS else own).append(Item("route", version, text))
+            (of_daemons if protocol in _DAEMONS else own).append(NetworkItem("route", version, text))
     return own + of_daemons
 
 
-def parse_rules(lines: typing.Iterable[str], version: int) -> typing.List[Item]:
+def parse_rules(lines: typing.Iterable[str], version: int) -> typing.List[NetworkItem]:
     """The rules in lines of `ip rule show`."""
     items = []
     for line in lines:
@@ -188,11 +188,11 @@ def parse_rules(lines: typing.Iterable[str], version: int) -> typing.List[Item]:
             text = _MARKS.sub("", " " + " ".join(words.split())).strip()
             for output, word in _WITHOUT_INPUT.items():
                 text = text.replace(f"lookup {output}", word)
-            items.append(Item("rule", version, f"{text} priority {priority.strip()}"))
+            items.append(NetworkItem("rule", version, f"{text} priority {priority.strip()}"))
     return items
 
 
-def parse_filter(lines: typing.Iterable[str]) -> typing.List[Item]:
+def parse_filter(lines: typing.Iterable[str]) -> typing.List[NetworkItem]:
     """The rules of others in lines of `nft -s list ruleset`, and the chains that drop by default; no elements of sets."""
     items = []
     for table, chain, text in list_written_rules(lines):
@@ -200,16 +200,16 @@ def parse_filter(lines: typing.Iterable[str]) -> typing.List[Item]:
         if _MANAGED.match(place + " "):
             continue
         if not text.startswith("type "):
-            items.append(Item("filter", 0, f"rule {place} {text}"))
+            items.append(NetworkItem("filter", 0, f"rule {place} {text}"))
         elif "policy drop" in text:
-            items.append(Item("filter", 0, f"chain {place} {{ {text} }}"))
+            items.append(NetworkItem("filter", 0, f"chain {place} {{ {text} }}"))
     return items
 
 
 # Comparing
 
 
-def find_missing(before: Snapshot, now: Snapshot) -> typing.List[Item]:
+def find_missing(before: Snapshot, now: Snapshot) -> typing.List[NetworkItem]:
     """The items that were there before and are gone, in the order in which it is put back. Pure.
 
     Without what went with its interface, and what could not be looked at now.
@@ -220,14 +220,14 @@ def find_missing(before: Snapshot, now: Snapshot) -> typing.List[Item]:
     return sorted(missing, key=lambda item: (KINDS.index(item.kind), " via " in item.text or " nexthop " in item.text))
 
 
-def _is_seen(item: Item, now: Snapshot) -> bool:
+def _is_seen(item: NetworkItem, now: Snapshot) -> bool:
     """True where the kind of an item was looked at."""
     if item.kind == "route" and _IN_PART.format(item.version) in now.unseen:
         return find_word(item.text.split(), "proto") in _BY_HAND
     return f"{item.kind} {item.version}" not in now.unseen
 
 
-def plan_batches(missing: typing.Iterable[Item], before: Snapshot) -> typing.Dict[typing.Tuple[str, int], str]:
+def plan_batches(missing: typing.Iterable[NetworkItem], before: Snapshot) -> typing.Dict[typing.Tuple[str, int], str]:
     """The input of `ip -batch` that puts items back, by kind and version. Pure.
 
     An item never takes the place of another one. Of several routes with one key, each is put beside the others.
@@ -247,7 +247,7 @@ def plan_batches(missing: typing.Iterable[Item], before: Snapshot) -> typing.Dic
     return batches
 
 
-def list_sentences(left: typing.Sequence[Item]) -> typing.List[str]:
+def list_sentences(left: typing.Sequence[NetworkItem]) -> typing.List[str]:
     """The sentences on what could not be put back."""
     sentences: typing.List[str] = [
         Sentence(
@@ -265,8 +265,8 @@ def list_sentences(left: typing.Sequence[Item]) -> typing.List[str]:
 
 
 def put_back(
-    before: Snapshot, planned: typing.Callable[[Item], bool]
-) -> typing.Tuple[typing.List[Item], typing.List[str]]:
+    before: Snapshot, planned: typing.Callable[[NetworkItem], bool]
+) -> typing.Tuple[typing.List[NetworkItem], typing.List[str]]:
     """Compare with now, and put back what is gone and was not `planned` to go.
 
     Returns what was put back, and the sentences on what is still gone and on what could not be looked at.
@@ -283,10 +283,12 @@ def put_back(
     return [item for item in missing if item not in left], [*list_sentences(left), *map(Unseen, unseen)]
 
 
-class Watch:
+class StateWatch:
     """The network state of before, over one change."""
 
-    def __init__(self, planned: typing.Callable[[Item], bool] = lambda item: False, filtered: bool = False) -> None:
+    def __init__(
+        self, planned: typing.Callable[[NetworkItem], bool] = lambda item: False, filtered: bool = False
+    ) -> None:
         """`planned`: is it to go by the change? `filtered`: the packet filter counts, too."""
         self.planned, self.filtered = planned, filtered
         self.before: typing.Optional[Snapshot] = None

@@ -30,7 +30,7 @@ def fixture_tree():
 
 
 def words(path):
-    return [doubt.words for doubt in trust.Look().doubts(str(path))]
+    return [doubt.words for doubt in trust.TrustCheck().doubts(str(path))]
 
 
 @as_root
@@ -76,7 +76,7 @@ def test_links_are_followed(tree):
 
 @as_root
 def test_a_look_has_a_limit_of_parts(tree):
-    look = trust.Look(most=100)
+    look = trust.TrustCheck(most=100)
     found = [doubt for number in range(200) for doubt in look.doubts(f"{tree}/{number}/x")]
     assert {doubt.who for doubt in found} == {trust.EVERYBODY}
     assert mentions(found[0].words, "100", "paths")
@@ -84,7 +84,7 @@ def test_a_look_has_a_limit_of_parts(tree):
 
 @as_root
 def test_a_look_ends_at_the_limit_of_parts():
-    look = trust.Look(3)
+    look = trust.TrustCheck(3)
     assert [doubt.words for doubt in look.doubts("/tmp")] == ["/tmp can be written by everybody"]
     assert [doubt.words for doubt in look.doubts("/tmp/x/y")] == [
         "its paths have more than 3 parts, so it is not known who can change them"
@@ -96,7 +96,7 @@ def test_a_look_has_a_limit_of_time(tree):
     """A chain of links, each with 2,000 parts, again and again."""
     for number in range(40):
         (tree / f"l{number}").symlink_to("./" * 1900 + f"l{number + 1}")
-    look = trust.Look(limit=0.5)
+    look = trust.TrustCheck(limit=0.5)
     began = time.monotonic()
     found = [doubt for _time in range(1000) for doubt in look.doubts(f"{tree}/l0/x")]
     assert time.monotonic() - began < 5

@@ -12,7 +12,11 @@ import namespaces
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import network
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Port, RouteTo
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import (
+    Address,
+    RouteTo,
+    UpperInterface,
+)
 
 IP_JSON = [
     {},
@@ -165,8 +169,8 @@ def test_ports_of_bridges_and_bonds_from_json():
         {"ifname": "eth1", "master": "red"},
     ]
     assert network.list_ports(json.dumps(links)) == {
-        "bond0": Port("br0", "02:00:00:00:00:01"),
-        "eth0": Port("bond0", "02:00:00:00:00:02"),
+        "bond0": UpperInterface("br0", "02:00:00:00:00:01"),
+        "eth0": UpperInterface("bond0", "02:00:00:00:00:02"),
     }
     with pytest.raises(ValueError, match="expected a list"):
         network.list_ports("{}")

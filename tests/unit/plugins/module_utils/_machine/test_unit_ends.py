@@ -6,7 +6,11 @@
 import json
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.unit_ends import End, list_words, read_ends
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.unit_ends import (
+    UnitEnd,
+    list_words,
+    read_ends,
+)
 
 SYNC, ROSCORE = "multimaster-sync.service", "multimaster-roscore.service"
 FAILED, SUCCEEDED, EXITED = (
@@ -36,17 +40,17 @@ def judged(at, unit=SYNC):
 @pytest.mark.parametrize(
     ("lines", "end"),
     [
-        ([failed(90, "oom-kill"), exited(90, "9")], End("oom-kill", 9)),
-        ([failed(90, "watchdog"), exited(90, "6")], End("watchdog", 6)),
-        ([failed(90, "core-dump"), exited(90, "6"), judged(89)], End("watchdog", 6)),
-        ([failed(90, "signal"), exited(90, "9"), judged(79)], End("watchdog", 9)),
-        ([failed(90, "signal"), exited(90, "9"), judged(9)], End("signal", 9)),
-        ([failed(90, "signal"), exited(90, "9"), judged(89, ROSCORE)], End("signal", 9)),
-        ([failed(90, "exit-code"), exited(90, "1"), failed(80, "oom-kill"), exited(80, "9")], End("exit-code", 1)),
-        ([line(90, MESSAGE_ID=SUCCEEDED, UNIT=SYNC), failed(80, "oom-kill")], End("success")),
-        ([judged(91), failed(90, "oom-kill"), exited(90, "9")], End("oom-kill", 9)),
-        ([failed(90, "exit-code"), exited(90, "x" * 99)], End("exit-code")),
-        ([failed(90, ["a"])], End()),
+        ([failed(90, "oom-kill"), exited(90, "9")], UnitEnd("oom-kill", 9)),
+        ([failed(90, "watchdog"), exited(90, "6")], UnitEnd("watchdog", 6)),
+        ([failed(90, "core-dump"), exited(90, "6"), judged(89)], UnitEnd("watchdog", 6)),
+        ([failed(90, "signal"), exited(90, "9"), judged(79)], UnitEnd("watchdog", 9)),
+        ([failed(90, "signal"), exited(90, "9"), judged(9)], UnitEnd("signal", 9)),
+        ([failed(90, "signal"), exited(90, "9"), judged(89, ROSCORE)], UnitEnd("signal", 9)),
+        ([failed(90, "exit-code"), exited(90, "1"), failed(80, "oom-kill"), exited(80, "9")], UnitEnd("exit-code", 1)),
+        ([line(90, MESSAGE_ID=SUCCEEDED, UNIT=SYNC), failed(80, "oom-kill")], UnitEnd("success")),
+        ([judged(91), failed(90, "oom-kill"), exited(90, "9")], UnitEnd("oom-kill", 9)),
+        ([failed(90, "exit-code"), exited(90, "x" * 99)], UnitEnd("exit-code")),
+        ([failed(90, ["a"])], UnitEnd()),
     ],
 )
 def test_the_last_end_is_told(lines, end):

@@ -8,7 +8,7 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import Connection
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import PortAnswer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import ghosts
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node
 from talking import Roscore, served, talking, until
@@ -81,7 +81,7 @@ def test_uris_that_lead_nowhere_are_tried_at_the_same_time(master, closed, monke
     def wait(address, port, patience):
         tried.append(address)
         time.sleep(0.2)
-        return Connection(Outcome.REFUSED if address == "127.0.0.1" else Outcome.NO_ANSWER, None, None, "")
+        return PortAnswer(Outcome.REFUSED if address == "127.0.0.1" else Outcome.NO_ANSWER, None, None, "")
 
     monkeypatch.setattr(ghosts, "connect", wait)
     for number in range(300):

@@ -6,7 +6,11 @@
 import pathlib
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.features import FEATURES, Part, load_hooks
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.features import (
+    FEATURES,
+    FeaturePart,
+    load_hooks,
+)
 
 FOLDER = pathlib.Path(__file__).parents[5] / "plugins/plugin_utils/_features"
 
@@ -33,6 +37,6 @@ def test_a_whole_without_the_part_has_none():
     class Whole:
         features = {}
 
-    assert Part.find(Whole()) is None
+    assert FeaturePart.find(Whole()) is None
     with pytest.raises(LookupError):
-        Part.read(Whole())
+        FeaturePart.read(Whole())

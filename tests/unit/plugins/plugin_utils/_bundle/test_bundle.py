@@ -9,7 +9,7 @@ import time
 import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import Unreadable
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import UnreadableBundle
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import REMOVED, Secrets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge_run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run
@@ -129,7 +129,7 @@ def test_the_name_of_a_computer_is_no_path():
 )
 def test_what_somebody_changed(name, text, said):
     files = bundles.write_files(bundled(fleets.plan(2)), "", {})
-    with pytest.raises(Unreadable) as problem:
+    with pytest.raises(UnreadableBundle) as problem:
         bundles.read_bundle({**files, name: text})
     assert said in str(problem.value)
 

@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewa
 from mentioned import mentions
 from processes import with_paths
 
-WANTED = packet_filter.PacketFilter(("192.168.1.0/24", "fd00::/8"), (), (packet_filter.Port("tcp", 2222),))
+WANTED = packet_filter.PacketFilter(("192.168.1.0/24", "fd00::/8"), (), (packet_filter.OpenPort("tcp", 2222),))
 
 
 def way(port, peer, program):

@@ -59,7 +59,7 @@ nftables.UNIT_FILE = root + "/etc/systemd/system/multimaster-firewall.service"
 nftables.DROP_IN = root + "/etc/systemd/system/nftables.service.d/rosfleet-multimaster.conf"
 for options, left, half in json.load(sys.stdin):
     if os.fork() == 0:
-        made = run.Run(dict(options, records=root + "/var/records"))
+        made = run.FirewallRun(dict(options, records=root + "/var/records"))
         undo, refusals = made.undo_steps(), made.refusals
         if refusals:
             pass

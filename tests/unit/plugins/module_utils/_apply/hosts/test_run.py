@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import cloud_init
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts import run as run_module
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.hosts.run import HostsRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.record import Record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import StepFailure
@@ -40,7 +40,7 @@ class Machine:
     def run(self, entries):
         options = {"entries": entries, "path": str(self.hosts), "records": str(self.records)}
         options.update({"own_name": "kobuki1computer", "on_conflict": "fail", "backup": False})
-        return Run(options, back_up=None)
+        return HostsRun(options, back_up=None)
 
     def apply(self, entries):
         self.run(entries).apply()
@@ -251,9 +251,7 @@ def test_a_record_that_fails_at_the_end_restores_the_hosts_file(guarded, monkeyp
 
 def test_without_cloud_init_its_code_is_not_even_loaded():
     """It was half of what the module loads."""
-    code = (
-        f"import sys; import {Run.__module__}; print([name for name in sys.modules if name.endswith('_hosts.guard')])"
-    )
+    code = f"import sys; import {HostsRun.__module__}; print([name for name in sys.modules if name.endswith('_hosts.guard')])"
     environment = with_paths()
     assert subprocess.check_output([sys.executable, "-c", code], env=environment) == b"[]\n"
 

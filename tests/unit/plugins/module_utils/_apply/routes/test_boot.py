@@ -7,33 +7,33 @@ import json
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.boot import Boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.options import RouteRequest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.record import read_record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import explain_failure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import NetworkInterface
 
 HOOK = "/etc/network/if-up.d/rosfleet-multimaster"
 DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"
 
 ROUTES = {
     "eth0": [
-        Route("0.0.0.0/0", "192.168.11.101", "eth0"),
-        Route("::/0", "fd00:11::101", "eth0", 1024),
-        Route("10.66.0.0/16", type="blackhole"),
+        RouteSpec("0.0.0.0/0", "192.168.11.101", "eth0"),
+        RouteSpec("::/0", "fd00:11::101", "eth0", 1024),
+        RouteSpec("10.66.0.0/16", type="blackhole"),
     ],
     "eth1.5": [
-        Route("10.67.0.0/16", "10.9.9.9", "eth1.5", 50, 100, "192.168.1.201", on_link=True),
-        Route("226.0.0.0/8", "", "eth1.5"),
+        RouteSpec("10.67.0.0/16", "10.9.9.9", "eth1.5", 50, 100, "192.168.1.201", on_link=True),
+        RouteSpec("226.0.0.0/8", "", "eth1.5"),
     ],
 }
 
 
 def machine(tree, *names):
-    links = {name: Interface(name, number, up=True) for number, name in enumerate(names, 2)}
-    return contract.Machine(links, booted=False, root=str(tree))
+    links = {name: NetworkInterface(name, number, up=True) for number, name in enumerate(names, 2)}
+    return contract.MachineContext(links, booted=False, root=str(tree))
 
 
 def boot(tree, record=None, choice=None):
@@ -99,13 +99,13 @@ def test_a_place_that_cannot_be_put_back_is_a_sentence(tree):
 
 @pytest.mark.parametrize("backend", ["netplan", "networkmanager"])
 def test_what_a_back_end_has_no_word_for_is_one_sentence(tree, backend):
-    routes = [Route("0.0.0.0/0", "192.168.11.101", "eth0", advmss=1360)]
+    routes = [RouteSpec("0.0.0.0/0", "192.168.11.101", "eth0", advmss=1360)]
     with pytest.raises(Problem, match=f"advmss 1360: the backend {backend} has no word for advmss"):
         boot(tree, choice={backend: {"eth0": routes}})
 
 
 def test_the_finer_points_at_boot(tree):
-    routes = [Route("10.1.0.0/16", "", "eth1.5", scope="host", mtu=1400, advmss=1360, initcwnd=20)]
+    routes = [RouteSpec("10.1.0.0/16", "", "eth1.5", scope="host", mtu=1400, advmss=1360, initcwnd=20)]
     plan = boot(
         tree, choice={"networkd": {"eth1.5": routes}, "ifupdown": {"eth0": [routes[0]._replace(device="eth0")]}}
     )
@@ -122,7 +122,7 @@ def test_interfaces_of_one_file_are_named_in_their_order(tree):
         link = tree / f"run/systemd/netif/links/{number}"
         link.write_text("ADMIN_STATE=configured\nNETWORK_FILE=/etc/systemd/network/all.network\n")
     plan = Boot(machine(tree, "eth0", "eth1"), read_record({}))
-    choice = {name: [Route("10.1.0.0/16", "", name)] for name in ("eth1", "eth0")}
+    choice = {name: [RouteSpec("10.1.0.0/16", "", name)] for name in ("eth1", "eth0")}
     with pytest.raises(
         Problem, match="^routes: eth0 is configured by /etc/systemd/network/all.network, and so is eth1"
     ):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import kernel
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,7 +18,7 @@ FIXTURES = Path(__file__).parents[4] / "fixtures" / "routes"
 def route(destination, gateway="", device="eth0", metric=None, **more):
     if metric is None:
         metric = 1024 if ":" in destination else 0
-    return Route(destination, gateway, device, metric, **more)
+    return RouteSpec(destination, gateway, device, metric, **more)
 
 
 def held(text, version=4, table=254):
@@ -43,7 +43,7 @@ def test_what_the_words_do_not_say_is_named():
 @pytest.mark.parametrize("kind", kernel.NO_WAY)
 def test_without_a_way_a_scope_says_nothing(kind):
     """NetworkManager makes a blackhole with scope link."""
-    assert held(f"{kind} 10.66.0.0/16 proto static scope link").route == Route("10.66.0.0/16", type=kind)
+    assert held(f"{kind} 10.66.0.0/16 proto static scope link").route == RouteSpec("10.66.0.0/16", type=kind)
 
 
 def test_a_next_hop_with_a_number_takes_no_line(monkeypatch):
@@ -59,7 +59,7 @@ def test_a_next_hop_with_a_number_takes_no_line(monkeypatch):
         "10.13.0.0/16 proto boot mtu lock 1300 nexthop via 192.168.11.7 dev eth0 weight 1 nexthop via 192.168.11.8 dev eth0 weight 1"
     )
     assert several.inexpressible == one.inexpressible == ("nhid",)
-    assert one.route == Route("10.15.0.0/16", "192.168.11.7", "eth0")
+    assert one.route == RouteSpec("10.15.0.0/16", "192.168.11.7", "eth0")
 
 
 GATEWAYS = st.sampled_from(["", "192.168.11.1", "192.168.11.2"])

@@ -5,15 +5,15 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import options as route_options
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, NetworkInterface
 
 
 def link(*addresses, up=True, loopback=False):
     split = [address.split("/") for address in addresses]
     entries = [Address(text, int(length), "inet6" if ":" in text else "inet") for text, length in split]
-    return Interface("", up=up, loopback=loopback, addresses=tuple(entries))
+    return NetworkInterface("", up=up, loopback=loopback, addresses=tuple(entries))
 
 
 INTERFACES = {
@@ -44,7 +44,7 @@ def items(*given):
 def route(destination, gateway="", device="eth0", metric=None, **more):
     if metric is None:
         metric = 1024 if ":" in destination else 0
-    return Route(destination, gateway, device, metric, **more)
+    return RouteSpec(destination, gateway, device, metric, **more)
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import plan as routes_plan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.plan import Entry
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.plan import RouteEntry
 
 INTERFACES = {"lo", "eth0", "eth1", "eth2", "wlan0"}
 
@@ -15,7 +15,7 @@ INTERFACES = {"lo", "eth0", "eth1", "eth2", "wlan0"}
 def route(destination, gateway="", device="eth0", metric=None, **more):
     if metric is None:
         metric = 1024 if ":" in destination else 0
-    return Route(destination, gateway, device, metric, **more)
+    return RouteSpec(destination, gateway, device, metric, **more)
 
 
 def held(text, version=4, table=254):
@@ -43,7 +43,7 @@ def test_a_new_route_a_right_one_and_another_way():
     new = planned([wanted])
     assert commands(new.changes) == ["replace default via 192.168.11.101 dev eth0 proto static"]
     assert [r.state for r in new.results] == ["changed"]
-    assert new.final == {wanted.key: Entry((wanted,), ())}
+    assert new.final == {wanted.key: RouteEntry((wanted,), ())}
 
     current = holding("unicast default via 192.168.11.101 dev eth0 proto static scope global")
     ours = planned([wanted], current, new.final)
@@ -62,7 +62,7 @@ def test_a_new_route_a_right_one_and_another_way():
 def test_a_moved_routes_new_entry_comes_before_the_old_goes(change):
     old, new = route("10.1.0.0/16", "192.168.11.1"), route("10.1.0.0/16", "192.168.11.1")._replace(**change)
     current = holding("unicast 10.1.0.0/16 via 192.168.11.1 dev eth0 proto static scope global")
-    plan = planned([new], current, {old.key: Entry((old,), ())})
+    plan = planned([new], current, {old.key: RouteEntry((old,), ())})
     assert [change.verb for change in plan.changes] == ["replace", "del"]
     assert [change.verb for change in plan.undo] == ["replace", "del"]
     assert [t["state"] for t in plan.taken_back] == ["removed"]
@@ -97,7 +97,7 @@ def test_a_foreign_route_in_its_place_conflicts_or_comes_back():
 
 def test_a_route_whose_interface_is_gone_does_not_come_back():
     wanted = route("0.0.0.0/0", "192.168.11.101")
-    entry = Entry((wanted,), (("default", "via", "10.9.0.1", "dev", "usb0"),))
+    entry = RouteEntry((wanted,), (("default", "via", "10.9.0.1", "dev", "usb0"),))
     current = holding("unicast default via 192.168.11.101 dev eth0 proto static scope global")
     plan = planned([], current, {wanted.key: entry})
     assert commands(plan.changes) == ["del default via 192.168.11.101 dev eth0 proto static"]
@@ -121,7 +121,7 @@ def test_unrestorable_routes_are_never_replaced():
 )
 def test_what_somebody_else_has_changed_since_is_left(current, state):
     wanted = route("0.0.0.0/0", "192.168.11.101")
-    plan = planned([], holding(*current), {wanted.key: Entry((wanted,), ())})
+    plan = planned([], holding(*current), {wanted.key: RouteEntry((wanted,), ())})
     assert (plan.changes, plan.taken_back[0]["state"], plan.final) == ([], state, {})
 
 
@@ -153,7 +153,7 @@ def test_a_foreign_item_is_not_given_back():
         "unicast default via 192.168.11.101 dev eth0 proto static scope global",
     )
     theirs = ("default", "via", "192.168.11.1", "dev", "eth0", "proto", "boot")
-    plan = planned([wanted], both, {wanted.key: Entry((wanted,), ())}, replace=True)
+    plan = planned([wanted], both, {wanted.key: RouteEntry((wanted,), ())}, replace=True)
     assert commands(plan.changes) == ["del " + " ".join(theirs)]
     assert plan.final[wanted.key].replaced == (theirs,)
     assert len(planned([wanted], both, replace=True).final[wanted.key].replaced) == 2  # none of them is ours
@@ -161,7 +161,7 @@ def test_a_foreign_item_is_not_given_back():
 
 def test_after_a_killed_run_both_ways_are_ours():
     old, new = route("0.0.0.0/0", "192.168.11.1"), route("0.0.0.0/0", "192.168.11.2")
-    entries = {old.key: Entry((old, new), ())}
+    entries = {old.key: RouteEntry((old, new), ())}
     for gateway in ("192.168.11.1", "192.168.11.2"):
         current = holding(f"unicast default via {gateway} dev eth0 proto static scope global")
         assert planned([new], current, entries).results[0].problem is None

@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import record
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 
 ROUTE = {
     "destination": "0.0.0.0/0",
@@ -35,6 +35,6 @@ def test_a_record_is_written_as_it_was_read(data):
 
 def test_the_parts_have_types():
     found = record.read_record(RECORD)
-    ours = Route("0.0.0.0/0", "192.168.11.101", "eth0")
+    ours = RouteSpec("0.0.0.0/0", "192.168.11.101", "eth0")
     assert found.entries[ours.key].made == (ours,)
     assert found.places[HOOK].routes == [ours]

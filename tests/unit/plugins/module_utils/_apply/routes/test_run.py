@@ -43,7 +43,7 @@ for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empt
     setattr(atomic, name, until(getattr(atomic, name)))
 for options, left in json.load(sys.stdin):
     if os.fork() == 0:
-        run = routes_run.Run(options)
+        run = routes_run.RoutesRun(options)
         run.apply()
         print(json.dumps([run.changed, run.refusals]), flush=True)
         os._exit(0)
@@ -467,8 +467,8 @@ def test_the_switch_brings_the_kernel_back_from_half_way(computer):
     program = """
 import json, subprocess, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import change_route
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import Run
-run = Run(json.load(sys.stdin))
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import RoutesRun
+run = RoutesRun(json.load(sys.stdin))
 for half in range(len(run.plan.changes) + 1):
     for change in run.plan.changes[:half]:
         change_route(change.command)
@@ -487,10 +487,10 @@ def test_a_route_that_is_not_removed_stays_ours(computer, status):
     program = """
 import json, sys
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import kernel
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import RoutesRun
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 options, status = json.load(sys.stdin)
-run, really = Run(options), kernel.run
+run, really = RoutesRun(options), kernel.run
 kernel.run = lambda argv, **more: Answer(status, b"", "Device or resource busy") if "del" in argv else really(argv, **more)
 try:
     run.apply()
@@ -508,9 +508,9 @@ def test_the_run_time_alone_writes_no_file(computer):
     files = computer.files()
     program = """
 import json, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import RoutesRun
 options = json.load(sys.stdin)
-first = Run(options)
+first = RoutesRun(options)
 first.apply_runtime()
 print(json.dumps(first.memory))
 """
@@ -519,9 +519,9 @@ print(json.dumps(first.memory))
     assert len(computer.routes()) == 2
     program = """
 import json, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import Run
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import RoutesRun
 options, memory = json.load(sys.stdin)
-run = Run(options, memory)
+run = RoutesRun(options, memory)
 print(run.runtime_changes, run.changed)
 run.apply()
 """
@@ -542,8 +542,8 @@ def test_the_way_back_makes_the_link_network_first(computer):
     before = computer.routes()
     program = """
 import json, subprocess, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import Run
-run = Run(json.load(sys.stdin))
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import RoutesRun
+run = RoutesRun(json.load(sys.stdin))
 run.apply_runtime()
 for argv in run.undo_steps():
     subprocess.run(argv, check=True)

@@ -323,7 +323,7 @@ def test_a_new_name_of_the_drop_in_moves_it(machine):
 def test_a_relative_folder_is_named(option):
     options = dict({"settings": [], "drop_in": DROP_IN, "root": "/r", "proc": "/p", "records": "/d"}, **{option: "x"})
     with pytest.raises(Problem, match=option + " is 'x', expected an absolute path"):
-        sysctl.Run(options)
+        sysctl.SysctlRun(options)
 
 
 def test_a_record_of_another_shape_is_named(machine):
@@ -368,7 +368,7 @@ def killed_at(step, options):
         for name in ("open", "write", "rename", "unlink", "mkdir", "rmdir", "fsync"):
             setattr(os, name, dying(getattr(os, name)))
         try:
-            run = sysctl.Run(options)
+            run = sysctl.SysctlRun(options)
             run.apply()
         finally:
             os._exit(0)
@@ -384,13 +384,13 @@ def test_kill_at_any_moment_leaves_what_the_next_run_mends(tmp_path, wanted):
             machine = Machine(tmp_path / ("%d-%d" % (len(first), step)))
             machine.hold(ip_forward="0", icmp_echo_ignore_broadcasts="1")
             untouched = machine.state()
-            sysctl.Run(machine.options(first)).apply()
+            sysctl.SysctlRun(machine.options(first)).apply()
             killed = killed_at(step, machine.options(wanted))
-            sysctl.Run(machine.options(wanted)).apply()
+            sysctl.SysctlRun(machine.options(wanted)).apply()
             for setting in settings_of(wanted):
                 assert (machine.proc / setting.key).read_text().strip() == setting.value
-            assert not sysctl.Run(machine.options(wanted)).changed
-            sysctl.Run(machine.options([])).apply()
+            assert not sysctl.SysctlRun(machine.options(wanted)).changed
+            sysctl.SysctlRun(machine.options([])).apply()
             assert machine.state() == untouched, step
             if not killed:
                 break
@@ -445,7 +445,7 @@ def test_two_ways_to_say_one_limit_are_a_contradiction(machine):
 def test_the_mode_of_a_drop_in_that_goes_is_as_before(machine, monkeypatch):
     machine.run(REPORT)
     machine.drop_in.chmod(0o600)
-    run = sysctl.Run(machine.options([]))
+    run = sysctl.SysctlRun(machine.options([]))
 
     def remove(path):
         raise OSError(errno.EPERM, "Operation not permitted", path)
@@ -497,11 +497,11 @@ def test_run_time_first_then_the_rest_is_what_one_run_does(tmp_path, first, want
     at_once, in_two = (Machine(tmp_path / name) for name in ("at_once", "in_two"))
     for machine in (at_once, in_two):
         machine.hold(ip_forward="0", icmp_echo_ignore_broadcasts="1")
-        sysctl.Run(machine.options(first)).apply()
+        sysctl.SysctlRun(machine.options(first)).apply()
     untouched = in_two.state()
-    sysctl.Run(at_once.options(wanted)).apply()
+    sysctl.SysctlRun(at_once.options(wanted)).apply()
 
-    one = sysctl.Run(in_two.options(wanted))
+    one = sysctl.SysctlRun(in_two.options(wanted))
     assert one.runtime_changes
     undo, memory = one.undo_steps(), json.loads(json.dumps(one.memory))
     one.apply_runtime()
@@ -511,29 +511,29 @@ def test_run_time_first_then_the_rest_is_what_one_run_does(tmp_path, first, want
         subprocess.run(command, check=True)
     assert in_two.state() == untouched
 
-    sysctl.Run(in_two.options(wanted)).apply_runtime()
-    two = sysctl.Run(in_two.options(wanted), memory)
+    sysctl.SysctlRun(in_two.options(wanted)).apply_runtime()
+    two = sysctl.SysctlRun(in_two.options(wanted), memory)
     assert (two.runtime_changes, two.changed) == (False, True)
     two.apply()
     assert {
         path: content and content.replace(b"in_two", b"at_once") for path, content in in_two.state().items()
     } == at_once.state()
-    assert not sysctl.Run(in_two.options(wanted)).changed
-    sysctl.Run(in_two.options([])).apply()
+    assert not sysctl.SysctlRun(in_two.options(wanted)).changed
+    sysctl.SysctlRun(in_two.options([])).apply()
     assert (in_two.value("ip_forward"), in_two.value("icmp_echo_ignore_broadcasts")) == ("0", "1")
     assert not in_two.records.exists()
 
 
 def test_a_boot_part_alone_needs_no_switch(machine):
-    sysctl.Run(machine.options(REPORT)).apply()
+    sysctl.SysctlRun(machine.options(REPORT)).apply()
     machine.drop_in.unlink()
-    run = sysctl.Run(machine.options(REPORT))
+    run = sysctl.SysctlRun(machine.options(REPORT))
     assert (run.runtime_changes, run.changed) == (False, True)
 
 
 def test_a_run_time_that_is_refused_half_way_is_as_before(machine, monkeypatch):
     untouched = machine.state()
-    run = sysctl.Run(machine.options(REPORT))
+    run = sysctl.SysctlRun(machine.options(REPORT))
     real, refused = run.kernel.write, iter([False, True])
 
     def write(key, value):
@@ -549,7 +549,7 @@ def test_a_run_time_that_is_refused_half_way_is_as_before(machine, monkeypatch):
 
 def test_a_value_that_cannot_be_put_back_stays_in_the_record(machine, monkeypatch):
     """Else the next run takes our value for somebody else's, and the value from before is lost."""
-    run = sysctl.Run(machine.options(REPORT))
+    run = sysctl.SysctlRun(machine.options(REPORT))
     real, broken = run.kernel.write, iter([False])
 
     def write(key, value):
@@ -561,8 +561,8 @@ def test_a_value_that_cannot_be_put_back_stays_in_the_record(machine, monkeypatc
     with pytest.raises(Problem, match=r"Not put back: .*/ip_forward \(Input/output error\)\.$"):
         run.apply()
     assert machine.value("ip_forward") == "1"
-    assert sysctl.Run(machine.options([])).plan.removals[1]["state"] == "restored"
-    sysctl.Run(machine.options([])).apply()
+    assert sysctl.SysctlRun(machine.options([])).plan.removals[1]["state"] == "restored"
+    sysctl.SysctlRun(machine.options([])).apply()
     assert (machine.value("ip_forward"), machine.records.exists()) == ("0", False)
 
 
@@ -780,8 +780,8 @@ def test_kernel_undo_commands_bring_everything_back(namespace):
     before = {key: namespace.held(key) for key in keys}
     program = (
         "import json, subprocess, sys\n"
-        "from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl.run import Run\n"
-        "run = Run(json.loads(sys.argv[1]))\nundo = run.undo_steps()\nrun.apply_runtime()\n"
+        "from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.sysctl.run import SysctlRun\n"
+        "run = SysctlRun(json.loads(sys.argv[1]))\nundo = run.undo_steps()\nrun.apply_runtime()\n"
         "print(open('/proc/sys/net/ipv4/ip_forward').read())\n"
         "for command in undo:\n    subprocess.run(command, check=True)\n"
     )

@@ -388,7 +388,7 @@ def play(tmp_path, switch, monkeypatch):
         name = connection if connection is not None else f"c{next(connections)}"
         monkeypatch.setattr(deadman, "connection", lambda: name)
         module = Module(check_mode=check, **options)
-        guard = deadman.Guard(module, "test values", switch)
+        guard = deadman.DeadmanGuard(module, "test values", switch)
         try:
             run = FilesRun(tmp_path, wanted, guard.begin(), breaks)
             changed = run.changed

@@ -127,7 +127,7 @@ def test_a_file_that_a_run_cannot_read_is_a_sentence(end):
 
 
 class Guard(shell.PlainGuard):
-    """Stands for deadman.Guard."""
+    """Stands for deadman.DeadmanGuard."""
 
     def begin(self):
         return "memory"

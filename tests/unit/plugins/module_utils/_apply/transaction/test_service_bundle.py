@@ -14,7 +14,10 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transa
     ManagedServices,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import StepFailure
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.units import State, read_inputs
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.units import (
+    UnitState,
+    read_inputs,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from mentioned import mentions
 
@@ -76,7 +79,7 @@ class FakeSystemd:
             unit = self.known().get(name, {"active": "inactive", "enabled": False, "invocation": 0})
             read = self.text(name)
             runs = unit["active"] == "active"
-            shown[name] = State(
+            shown[name] = UnitState(
                 LoadState="not-found" if read is None else "loaded",
                 ActiveState=unit["active"],
                 SubState="running" if runs else "dead",

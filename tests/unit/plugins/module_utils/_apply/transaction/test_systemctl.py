@@ -76,9 +76,9 @@ def test_a_file_that_was_written_after_the_start_of_the_process(tmp_path, monkey
         os.utime(path, (began - age, began - age))
     monkeypatch.setattr(systemctl.units, "files_read", lambda content: [str(tmp_path), str(path)])
     monkeypatch.setattr(systemctl.processes, "start_time", lambda pid: began)
-    state = units.State(MainPID="7")
+    state = units.UnitState(MainPID="7")
     assert systemctl.Systemd(1).find_newer_file("", state) == (str(path) if overtakes else "")
-    assert systemctl.Systemd(1).find_newer_file("", units.State(MainPID="0")) == ""
+    assert systemctl.Systemd(1).find_newer_file("", units.UnitState(MainPID="0")) == ""
     monkeypatch.setattr(systemctl.processes, "start_time", lambda pid: None)
     assert systemctl.Systemd(1).find_newer_file("", state) == ""
 

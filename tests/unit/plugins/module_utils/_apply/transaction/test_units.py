@@ -24,7 +24,7 @@ NAMES = [CORE, DISC, SYNC]
 
 def state(name, **changed):
     """A unit of ours that runs as planned, but for what is given."""
-    known = units_module.State(
+    known = units_module.UnitState(
         Id=name,
         LoadState="loaded",
         ActiveState="active",

@@ -37,7 +37,7 @@ def fixture_make(tmp_path, monkeypatch):
         files = [{"path": f"{tmp_path}/etc/{name}", "content": text, "mode": "0600"} for name in names]
         entries = [{**file, "owner": None, "group": None, "validate": []} for file in files]
         options = {"files": entries, "records": str(tmp_path / "records")}
-        return tunnel.Tunnel(options, confirms)
+        return tunnel.TunnelRun(options, confirms)
 
     make.asked, make.wrong, make.states = asked, wrong, states
     return make

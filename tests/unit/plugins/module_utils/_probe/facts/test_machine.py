@@ -14,9 +14,9 @@ def test_a_strange_part_is_a_sentence(monkeypatch):
         raise OSError("no such thing")
 
     parts = [
-        machine.Part("interfaces", strange, 1),
-        machine.Part("exports", time.sleep, 0.05, options=("seconds",)),
-        machine.Part("sshd", dict, 1),
+        machine.FactPart("interfaces", strange, 1),
+        machine.FactPart("exports", time.sleep, 0.05, options=("seconds",)),
+        machine.FactPart("sshd", dict, 1),
     ]
     monkeypatch.setattr(machine, "PARTS", parts)
     assert machine.look({"parts": ["interfaces", "exports", "sshd"], "seconds": 3}) == {

@@ -11,7 +11,7 @@ import time
 
 import namespaces
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, NetworkInterface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import claims
 
 ASK = """
@@ -98,9 +98,11 @@ def test_where_the_kernel_does_not_allow_it_nothing_is_known():
 
 
 def test_own_addresses_are_asked_for_first():
-    wired = Interface("eth0", up=True, addresses=(Address("192.168.1.5", 24, "inet"), Address("fe80::1", 64, "inet6")))
-    off = Interface("eth1", up=False, addresses=(Address("10.0.0.1", 8, "inet"),))
-    tunnel = Interface("wg0", up=True, point_to_point=True, addresses=(Address("10.0.0.1", 8, "inet"),))
+    wired = NetworkInterface(
+        "eth0", up=True, addresses=(Address("192.168.1.5", 24, "inet"), Address("fe80::1", 64, "inet6"))
+    )
+    off = NetworkInterface("eth1", up=False, addresses=(Address("10.0.0.1", 8, "inet"),))
+    tunnel = NetworkInterface("wg0", up=True, point_to_point=True, addresses=(Address("10.0.0.1", 8, "inet"),))
     found = claims.questions([wired, off, tunnel], ["192.168.1.9", "10.0.0.2", "192.168.1.9", "192.168.1.5"])
     assert found == [("eth0", "192.168.1.5"), ("eth0", "192.168.1.9")]
 

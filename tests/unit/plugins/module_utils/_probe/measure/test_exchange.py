@@ -209,7 +209,7 @@ def test_long_names_of_a_robot_cost_others_no_connection(monkeypatch):
     monkeypatch.setattr(exchange, "_bus_info", lambda item: answers)
     third = {"name": "third", "address": "127.0.0.5", "discovery_address": "", "robot": "three"}
     nodes = {f"/node{number}": "http://127.0.0.1:1/" for number in range(12)}
-    found, _silent, _asked = exchange._connections(nodes, {}, exchange.Places([*MEMBERS, third]), "here")
+    found, _silent, _asked = exchange._connections(nodes, {}, exchange.HostRobots([*MEMBERS, third]), "here")
     assert len(json.dumps(found)) < 3 << 20
     assert [link["node"] for link in found if link["robot"] == "three"] == sorted(nodes)
 

@@ -279,7 +279,7 @@ def test_the_journal_is_asked_of_all_links_that_are_down_at_once(monkeypatch):
     """Docker leaves a bridge for each of its networks, and a journal of gigabytes takes seconds for each question."""
     names = [f"br{number}" for number in range(8)]
     address = network.machine.Address("10.99.0.1", 24, "inet")
-    links = [network.machine.Interface(name, up=True, addresses=(address,)) for name in ["eth0", *names]]
+    links = [network.machine.NetworkInterface(name, up=True, addresses=(address,)) for name in ["eth0", *names]]
     monkeypatch.setattr(network.machine, "interfaces", lambda: links)
     told = {"mac": "", "carrier_changes": 0, "power_save": None}
     monkeypatch.setattr(network, "link_of", lambda name: dict(told, state="up" if name == "eth0" else "down"))

@@ -12,13 +12,13 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import topics
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import tcpros, xml_rpc
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.listener import Listener
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.listener import TopicListener
 from talking import Roscore, served, talking, until
 
 TOPIC = "/multimaster_verify/kobuki2computer"
 
 
-class Content(Listener):
+class Content(TopicListener):
     """It listens until a talker was heard, or could not be, however long a busy machine takes for that."""
 
     def run(self, deadline):
@@ -38,7 +38,7 @@ def made(ros, monkeypatch):
     command("rostopic", "exit 1\n")  # there is ROS
     found.variables["ROS_IP"] = "127.0.0.1"
     monkeypatch.setattr(topics, "LEAST", 20.0)
-    monkeypatch.setattr(topics, "Listener", Content)
+    monkeypatch.setattr(topics, "TopicListener", Content)
     return found
 
 

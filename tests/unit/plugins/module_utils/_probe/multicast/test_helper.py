@@ -33,7 +33,9 @@ class Air:
         computers = {address: f"c{number}" for number, address in enumerate(self.addresses)}
         apart = frozenset(self.addresses[number] for number in options.get("apart", ()))
         self.helpers = [
-            m.Helper(m.Settings("run", "226.0.0.0", 11511, "eth0", address, (address,), computers, 100, apart), 0.0)
+            m.Helper(
+                m.HelperSettings("run", "226.0.0.0", 11511, "eth0", address, (address,), computers, 100, apart), 0.0
+            )
             for address in self.addresses
         ]
         self.translated = options.get("translated", {})
@@ -250,7 +252,7 @@ def test_address_translation_is_seen():
 
 def helper():
     computers = {"10.0.0.1": "own", "10.0.0.2": "other"}
-    return m.Helper(m.Settings("run", "226.0.0.0", 11511, "eth0", "10.0.0.1", ("10.0.0.1",), computers, 100), 0.0)
+    return m.Helper(m.HelperSettings("run", "226.0.0.0", 11511, "eth0", "10.0.0.1", ("10.0.0.1",), computers, 100), 0.0)
 
 
 def test_strangers_are_counted_and_never_answered():

@@ -6,10 +6,10 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast import multicast
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast.helper import Settings
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast.helper import HelperSettings
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast.helper_process import plain
 
-SETTINGS = Settings("secret", "226.0.0.0", 11511, "eth0", "10.0.0.1", ("10.0.0.1",), {"10.0.0.1": "c0"}, 100)
+SETTINGS = HelperSettings("secret", "226.0.0.0", 11511, "eth0", "10.0.0.1", ("10.0.0.1",), {"10.0.0.1": "c0"}, 100)
 PARAMS = {"rounds": 1, "interval": 0.1, "unicast": True, "icmp": False, "lifetime": 100}
 
 

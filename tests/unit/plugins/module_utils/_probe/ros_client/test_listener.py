@@ -8,7 +8,7 @@ import threading
 import time
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.listener import Listener
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.listener import TopicListener
 from talking import Roscore, served, talking, until
 
 ONE, TWO = "/multimaster_verify/one", "/multimaster_verify/two"
@@ -31,7 +31,7 @@ def made(ros, master):
 
 def test_a_talker_is_heard_also_one_that_comes_later(made, master):
     roscore, uri = master
-    listener = Listener(made, "listener", {ONE: "run one", TWO: "run two"})
+    listener = TopicListener(made, "listener", {ONE: "run one", TWO: "run two"})
     thread = threading.Thread(target=listener.run, args=(time.monotonic() + 30,))
     with talking(uri, "/talker_one", ONE, "run one"):
         until(lambda: roscore.of(ONE))
@@ -63,13 +63,13 @@ def test_an_older_talker_does_not_count_and_a_newer_one_does(made, master):
     roscore, uri = master
     with talking(uri, "/older", ONE, "yesterday one"):
         until(lambda: roscore.of(ONE))
-        listener = Listener(made, "listener", {ONE: "run one"})
+        listener = TopicListener(made, "listener", {ONE: "run one"})
         with listening(listener):
             until(lambda: ONE in listener.heard)
         assert listener.heard[ONE]["text"] == "yesterday one"
         with talking(uri, "/newer", ONE, "run one"):
             until(lambda: len(roscore.of(ONE)) == 2)
-            listener = Listener(made, "listener", {ONE: "run one"})
+            listener = TopicListener(made, "listener", {ONE: "run one"})
             listener.run(time.monotonic() + 20)
             assert listener.heard[ONE]["node"] == "/newer"
 
@@ -77,7 +77,7 @@ def test_an_older_talker_does_not_count_and_a_newer_one_does(made, master):
 def test_who_does_not_answer_is_asked_again_and_named(made, master):
     roscore, uri = master
     roscore.publishers[ONE] = {"/gone": "http://127.0.0.1:9/"}
-    listener = Listener(made, "listener", {ONE: "run one"})
+    listener = TopicListener(made, "listener", {ONE: "run one"})
     with listening(listener):
         until(lambda: ONE in listener.errors)
     assert (listener.heard, listener.errors[ONE]) == ({}, 'http://127.0.0.1:9/: "Connection refused"')
@@ -86,7 +86,7 @@ def test_who_does_not_answer_is_asked_again_and_named(made, master):
 def test_a_crowd_that_does_not_answer_takes_no_thread_each(made, master):
     roscore, uri = master
     roscore.publishers[ONE] = {f"/gone{port}": f"http://127.0.0.1:{port}/" for port in range(1, 800)}
-    listener = Listener(made, "listener", {ONE: "run one"})
+    listener = TopicListener(made, "listener", {ONE: "run one"})
     before = threading.active_count()
     with listening(listener):
         until(lambda: ONE in listener.errors)
@@ -99,7 +99,7 @@ def test_a_crowd_that_does_not_answer_takes_no_thread_each(made, master):
 
 def test_new_publishers_wait_behind_those_that_are_due(made, master):
     """Anybody may name new ones all the time: the one that is asked again would have no turn."""
-    listener = Listener(made, "listener", {ONE: "run one", TWO: "run two"})
+    listener = TopicListener(made, "listener", {ONE: "run one", TWO: "run two"})
     listener._due.put((time.monotonic(), TWO, "http://127.0.0.1:9/"))
     listener._on_publishers(ONE, [f"http://127.0.0.1:{port}/" for port in range(1, 9)])
     assert listener._due.get_nowait()[1] == TWO
@@ -109,7 +109,7 @@ def test_new_publishers_wait_behind_those_that_are_due(made, master):
 
 @pytest.mark.parametrize("publishers", ["text", 7, [7, None], {"a": 1}])
 def test_a_strange_list_of_publishers_is_nobody(made, master, publishers):
-    listener = Listener(made, "listener", {ONE: "run one"})
+    listener = TopicListener(made, "listener", {ONE: "run one"})
     listener._on_publishers(ONE, publishers)
     listener._on_publishers("/other", ["http://127.0.0.1:9/"])
     assert listener._due.empty()
@@ -120,7 +120,7 @@ def test_a_strange_list_of_publishers_is_nobody(made, master, publishers):
 def test_without_a_roscore_it_says_so(made, master):
     made.uri = "http://127.0.0.1:9"
     with pytest.raises(OSError, match="http://127.0.0.1:9: "):
-        Listener(made, "listener", {ONE: "run one"}).run(time.monotonic() + 5)
+        TopicListener(made, "listener", {ONE: "run one"}).run(time.monotonic() + 5)
 
 
 class Busy(Roscore):
@@ -145,14 +145,14 @@ class Busy(Roscore):
 def test_a_busy_roscore_keeps_no_registration(made):
     roscore = Busy()
     with served(roscore) as made.uri, pytest.raises(OSError, match="too late"):
-        Listener(made, "listener", {ONE: "run one", TWO: "run two"}).run(time.monotonic() + 5)
+        TopicListener(made, "listener", {ONE: "run one", TWO: "run two"}).run(time.monotonic() + 5)
     assert roscore.calls == ["register", "unregister", "unregister"]
     assert roscore.subscribers == {ONE: {}}
 
 
 def test_a_roscore_that_has_ended_is_not_asked_again(made):
     with served(Roscore()) as made.uri:
-        listener = Listener(made, "listener", {ONE: "run one"})
+        listener = TopicListener(made, "listener", {ONE: "run one"})
     began = time.monotonic()
     listener._leave([ONE, TWO], began + 30)
     assert time.monotonic() - began < 5

@@ -25,7 +25,7 @@ TOPIC = "/multimaster_verify/kobuki1computer"
 @pytest.fixture
 def own():
     """A node in a thread, which publishes one topic."""
-    found = node.Node("/talker", "127.0.0.1", "http://127.0.0.1:11311", {TOPIC: "hello"})
+    found = node.ProbeNode("/talker", "127.0.0.1", "http://127.0.0.1:11311", {TOPIC: "hello"})
     thread = threading.Thread(target=found.serve)
     thread.start()
     yield found
@@ -103,7 +103,7 @@ def test_every_subscriber_gets_the_text_at_once_and_again(own):
 
         told = decode_fields(part())
         assert (told["callerid"], told["type"], told["md5sum"]) == ("/talker", node.TYPE, node.SUM)
-        assert [tcpros.Reader(part()).text() for _number in range(2)] == ["hello", "hello"]
+        assert [tcpros.ValueReader(part()).text() for _number in range(2)] == ["hello", "hello"]
         entry = xmlrpc.client.ServerProxy(own.uri).getBusInfo("/x")[2][0]
         assert entry[1:6] == ["/rviz", "o", "TCPROS", TOPIC, True] and "to [127.0.0.1:" in entry[6]
 

@@ -89,14 +89,14 @@ def test_nobody_there():
 def test_any_bytes_are_read_or_refused(data):
     for read in (*tcpros.LIST_MASTERS.values(), *tcpros.GET_SYNC_INFO.values()):
         try:
-            tcpros.Reader(data).items(read)
+            tcpros.ValueReader(data).items(read)
         except ValueError:
             pass
 
 
 def test_texts_of_masters_are_plain():
     name = "evil\x1b[2J\n" + "x" * 300
-    (row,) = tcpros.Reader(rows(text(name) + text("") + bytes(17) + text("") + text(""))).items(
+    (row,) = tcpros.ValueReader(rows(text(name) + text("") + bytes(17) + text("") + text(""))).items(
         tcpros.LIST_MASTERS[LIST_MASTERS]
     )
     assert "\x1b" not in row["name"] and len(row["name"]) <= 200

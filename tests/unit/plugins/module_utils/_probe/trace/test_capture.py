@@ -6,7 +6,7 @@
 import struct
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Port
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import UpperInterface
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.multicast.packets import checksum
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace import capture
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace.capture import Tag
@@ -117,9 +117,9 @@ def test_a_packet_for_another_computer_has_not_come_in():
 
 def test_a_port_shows_what_is_for_its_bridge_and_what_has_left():
     for port, kind, count in (
-        (Port("br0", MACS[1]), capture.FOR_OTHERS, 1),
-        (Port("br0", MACS[0]), capture.FOR_OTHERS, 0),
-        (Port("eth0", MACS[1]), capture.OUTGOING, 0),  # it is above another one, which may drop it
+        (UpperInterface("br0", MACS[1]), capture.FOR_OTHERS, 1),
+        (UpperInterface("br0", MACS[0]), capture.FOR_OTHERS, 0),
+        (UpperInterface("eth0", MACS[1]), capture.OUTGOING, 0),  # it is above another one, which may drop it
     ):
         assert len(list(capture.read_packets(Link(kind), TAG, 9, {"eth0": port}))) == count
 
@@ -127,7 +127,7 @@ def test_a_port_shows_what_is_for_its_bridge_and_what_has_left():
 def test_what_comes_in_for_a_port_is_for_the_bond_above():
     """A bond with balance-alb tells each neighbour the hardware address of one of its ports (Documentation/networking/bonding.rst)."""
     for kind, mac in ((0, "02:00:00:00:00:99"), (capture.OUTGOING, MACS[1])):
-        (found,) = capture.read_packets(Link(kind), TAG, 9, {"eth0": Port("bond0", "02:00:00:00:00:99")})
+        (found,) = capture.read_packets(Link(kind), TAG, 9, {"eth0": UpperInterface("bond0", "02:00:00:00:00:99")})
         assert found.target_mac == mac
 
 

@@ -12,12 +12,12 @@ import xml.etree.ElementTree as ET
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import contract, firewalld
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.packet_filter import (
+    OpenPort,
     PacketFilter,
-    Port,
 )
 from mentioned import mentions
 
-WANTED = PacketFilter(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
+WANTED = PacketFilter(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (OpenPort("tcp", 2222),))
 LISTING = """\
 public (active)
   target: default

@@ -20,8 +20,8 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import contract, nftables
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.packet_filter import (
     Guard,
+    OpenPort,
     PacketFilter,
-    Port,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
@@ -336,7 +336,7 @@ def test_any_source_comes_in_only_where_the_rules_let_it(wires, seed):
     drawn = random.Random(seed)
     network = f"10.{drawn.randrange(20, 200)}.{drawn.randrange(256)}"
     members, prefix = [f"{network}.0/25", MEMBER], f"fd{drawn.randrange(256):02x}:{drawn.randrange(1, 65535):x}:"
-    wanted = PacketFilter((*members, f"{prefix}:/64"), (), (Port("tcp", 8080),), (2222,))
+    wanted = PacketFilter((*members, f"{prefix}:/64"), (), (OpenPort("tcp", 8080),), (2222,))
     sources = {4: [MEMBER, f"{network}.{drawn.randrange(128)}"], 6: [f"{prefix}:{drawn.randrange(1, 65535):x}"]}
     let_in = {*sources[4], *sources[6]}
     for _turn in range(40):

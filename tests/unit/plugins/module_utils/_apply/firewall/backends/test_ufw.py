@@ -9,13 +9,13 @@ tests/long/test_firewall.py has the real ufw.
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import contract, ufw
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.packet_filter import (
+    OpenPort,
     PacketFilter,
-    Port,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.deadman import FileBefore
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
-WANTED = PacketFilter(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (Port("tcp", 2222),))
+WANTED = PacketFilter(("10.5.0.1", "fd00::1"), ("10.6.0.0/24",), (OpenPort("tcp", 2222),))
 OTHERS = "allow tcp 22 0.0.0.0/0 any 0.0.0.0/0 in"
 ALLOW = "allow tcp 1024:65535 0.0.0.0/0 any 10.5.0.1 in"
 DENY = "deny tcp 1024:65535 0.0.0.0/0 any 0.0.0.0/0 in"

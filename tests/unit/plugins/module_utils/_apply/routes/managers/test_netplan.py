@@ -8,21 +8,21 @@ import os
 import pytest
 import yaml
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.boot import Boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import contract, netplan
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import networkmanager as nm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.record import read_record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import NetworkInterface
 
 ROUTES = [
-    Route("192.168.11.0/24", "192.168.1.201", "eth0"),
-    Route("0.0.0.0/0", "192.168.1.201", "eth0", metric=50),
-    Route("10.5.0.0/16", "192.168.1.9", "eth0", 30, 100, "192.168.1.14", True),
-    Route("226.0.0.0/8", "", "eth0"),
-    Route("10.6.0.0/16", type="blackhole"),
-    Route("::/0", "fd00:1::201", "eth0", 1024),
+    RouteSpec("192.168.11.0/24", "192.168.1.201", "eth0"),
+    RouteSpec("0.0.0.0/0", "192.168.1.201", "eth0", metric=50),
+    RouteSpec("10.5.0.0/16", "192.168.1.9", "eth0", 30, 100, "192.168.1.14", True),
+    RouteSpec("226.0.0.0/8", "", "eth0"),
+    RouteSpec("10.6.0.0/16", type="blackhole"),
+    RouteSpec("::/0", "fd00:1::201", "eth0", 1024),
 ]
 
 
@@ -38,8 +38,8 @@ def machine(root, files):
     for index, (_interface, file) in enumerate(sorted(files.items()), 2):
         text = "ADMIN_STATE=configured\n" + ("NETWORK_FILE=%s\n" % file if file else "")
         write(root, "/run/systemd/netif/links/%d" % index, text)
-    interfaces = {name: Interface(name, index) for index, name in enumerate(sorted(files), 2)}
-    return contract.Machine(interfaces, booted=False, root=str(root))
+    interfaces = {name: NetworkInterface(name, index) for index, name in enumerate(sorted(files), 2)}
+    return contract.MachineContext(interfaces, booted=False, root=str(root))
 
 
 def back_end(root, files, recorded=None):
@@ -103,7 +103,7 @@ def test_the_definition_behind_a_profile_of_networkmanager(tmp_path, monkeypatch
     write("/", place, text)
     monkeypatch.setattr(nm, "NETPLANS", start)
     monkeypatch.setattr(nm, "active_profiles", lambda: {"eth0": nm.Active("1-2", False, place)})
-    end = netplan.BackEnd(contract.Machine({"eth0": Interface("eth0", 99999)}, True, str(tmp_path)), {})
+    end = netplan.BackEnd(contract.MachineContext({"eth0": NetworkInterface("eth0", 99999)}, True, str(tmp_path)), {})
     assert end._definitions == {"eth0": netplan.Definition(section, name, place)}
 
 

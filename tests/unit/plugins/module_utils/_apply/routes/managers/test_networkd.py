@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import NetworkInterface
 
 HOME = "/etc/systemd/network/10-eth0.network"
 WIFI = "/run/systemd/network/10-netplan-wlan0.network"
@@ -52,8 +52,8 @@ class Manager:
             self.write_state(number, "configured")
         self.put(HOME, "[Match]\nName=eth0\n\n[Network]\nAddress=192.168.1.11/24\n")
         self.put(WIFI, "[Match]\nName=wlan0\n\n[Network]\nDHCP=no\n")
-        interfaces = {name: Interface(name, number) for number, name in enumerate(LINKS, 2)}
-        self.machine = contract.Machine(interfaces, booted=True, root=str(root))
+        interfaces = {name: NetworkInterface(name, number) for number, name in enumerate(LINKS, 2)}
+        self.machine = contract.MachineContext(interfaces, booted=True, root=str(root))
         monkeypatch.setattr(commands, "run", self.run)
         monkeypatch.setattr(networkd.time, "sleep", self.sleep)
         monkeypatch.setattr(networkd.time, "monotonic", lambda: self.seconds)

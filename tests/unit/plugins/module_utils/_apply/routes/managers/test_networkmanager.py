@@ -5,20 +5,20 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.boot import Boot
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import Route
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import networkmanager as nm
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.record import read_record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Interface
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import NetworkInterface
 from hypothesis import given
 from hypothesis import strategies as st
 
 UUID = "7a9f2a3e-5d3f-4f9f-8a63-4a6a2c7d1e01"
 PLACE = "nmcli:" + UUID
 FILE = "/etc/NetworkManager/system-connections/eth0.nmconnection"
-STATIC = Route("192.168.11.0/24", "192.168.1.201", "eth0")
+STATIC = RouteSpec("192.168.11.0/24", "192.168.1.201", "eth0")
 LINE = "ipv4.routes 192.168.11.0/24 192.168.1.201 0"
 OWNERS = "ipv4.routes 10.77.0.0/16 192.168.1.1"
 
@@ -73,8 +73,8 @@ def daemon(monkeypatch):
 
 
 def back_end(recorded=None, booted=True):
-    machine = contract.Machine(
-        {name: Interface(name, index) for index, name in enumerate(("lo", "eth0", "wlan0"), 1)}, booted
+    machine = contract.MachineContext(
+        {name: NetworkInterface(name, index) for index, name in enumerate(("lo", "eth0", "wlan0"), 1)}, booted
     )
     return nm.BackEnd(machine, recorded or {})
 
@@ -83,12 +83,12 @@ def back_end(recorded=None, booted=True):
     ("route", "line"),
     [
         (STATIC, LINE),
-        (Route("0.0.0.0/0", "192.168.1.201", "eth0", metric=50), "ipv4.routes 0.0.0.0/0 192.168.1.201 50"),
-        (Route("226.0.0.0/8", "", "eth0"), "ipv4.routes 226.0.0.0/8 0"),
-        (Route("10.6.0.0/16", type="blackhole"), "ipv4.routes 10.6.0.0/16 0 type=blackhole"),
-        (Route("fd00:11::/64", "fd00:1::201", "eth0", 1024), "ipv6.routes fd00:11::/64 fd00:1::201 1024"),
+        (RouteSpec("0.0.0.0/0", "192.168.1.201", "eth0", metric=50), "ipv4.routes 0.0.0.0/0 192.168.1.201 50"),
+        (RouteSpec("226.0.0.0/8", "", "eth0"), "ipv4.routes 226.0.0.0/8 0"),
+        (RouteSpec("10.6.0.0/16", type="blackhole"), "ipv4.routes 10.6.0.0/16 0 type=blackhole"),
+        (RouteSpec("fd00:11::/64", "fd00:1::201", "eth0", 1024), "ipv6.routes fd00:11::/64 fd00:1::201 1024"),
         (
-            Route("10.5.0.0/16", "192.168.1.9", "eth0", 30, 100, "192.168.1.13", True),
+            RouteSpec("10.5.0.0/16", "192.168.1.9", "eth0", 30, 100, "192.168.1.13", True),
             "ipv4.routes 10.5.0.0/16 192.168.1.9 30 onlink=true src=192.168.1.13 table=100",
         ),
     ],
@@ -176,7 +176,7 @@ def test_a_profile_that_loses_its_routes_is_planned(daemon, tmp_path, recorded):
     """The plan of production, without any route."""
     daemon.lines[UUID].append(LINE)
     place = {"backend": "networkmanager", "texts": [LINE + "\n"], "routes": [STATIC._asdict()]}
-    eth0 = contract.Machine({"eth0": Interface("eth0", 2)}, True, str(tmp_path))
+    eth0 = contract.MachineContext({"eth0": NetworkInterface("eth0", 2)}, True, str(tmp_path))
     plan = Boot(eth0, read_record({"boot": {"places": {PLACE: place}}} if recorded else {}))
     plan.plan({})
     assert plan.wanted == ({PLACE: None} if recorded else {})
@@ -244,7 +244,7 @@ def test_any_record_keeps_foreign_items(profile, texts, wanted):
         patch.setattr(nm.shutil, "which", lambda name, path: "/usr/bin/nmcli")
         recorded = {PLACE: ["".join(line + "\n" for line in sorted(lines)) for lines in texts]}
         end = back_end(recorded)
-        routes = [Route(line.split()[1], "192.168.1.1", "eth0") for line in wanted]
+        routes = [RouteSpec(line.split()[1], "192.168.1.1", "eth0") for line in wanted]
         content = end.render(PLACE, {"eth0": routes})
         end.write(PLACE, content)
         ours = {line for lines in texts for line in lines}

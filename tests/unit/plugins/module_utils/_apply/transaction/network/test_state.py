@@ -16,17 +16,17 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transa
     state as network_state,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.network.state import (
-    Item,
+    NetworkItem,
     Snapshot,
 )
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from mentioned import mentions
 
 COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
-SECOND = Item("address", 4, "10.0.0.9/24 dev eth0 scope global")
-LINK = Item("route", 4, "unicast 172.17.0.0/16 dev eth0 table main proto boot scope link")
-BEHIND = Item("route", 4, "unicast 10.5.0.0/16 via 172.17.0.1 dev eth0 table main proto static scope global")
-RULE = Item("rule", 4, "not from all fwmark 0xca6c lookup 51820 priority 32764")
+SECOND = NetworkItem("address", 4, "10.0.0.9/24 dev eth0 scope global")
+LINK = NetworkItem("route", 4, "unicast 172.17.0.0/16 dev eth0 table main proto boot scope link")
+BEHIND = NetworkItem("route", 4, "unicast 10.5.0.0/16 via 172.17.0.1 dev eth0 table main proto static scope global")
+RULE = NetworkItem("rule", 4, "not from all fwmark 0xca6c lookup 51820 priority 32764")
 
 
 def snapshot(*items, links=("lo", "eth0"), unseen=None):
@@ -89,7 +89,7 @@ def test_nobody_says_as_before_without_a_look(monkeypatch):
     monkeypatch.setattr(
         network_state.commands, "run", lambda argv, **_: network_state.commands.Answer(-1, b"", "no ip")
     )
-    watch = network_state.Watch()
+    watch = network_state.StateWatch()
 
     def fail():
         raise Problem("It breaks.")
