@@ -473,13 +473,18 @@ roscore:
   description: The roscore of this computer's robot.
   returned: when O(action=collect)
   type: dict
-  sample: {uri: 'http://kobuki1computer:11311', answer: 'http://kobuki1computer:11311/', error: '', outcome: answered}
+  sample: {uri: 'http://kobuki1computer:11311', answer: 'http://kobuki1computer:11311/', error: '', outcome: answered, tcp_outcome: not_tried,
+      waiting: null}
   contains:
     uri: {description: C(ROS_MASTER_URI) in O(environment_file)., returned: always, type: str}
     answer: {description: 'The master URI by which it knows itself, by C(getUri), or empty without an answer.', returned: always,
         type: str}
     error: {description: 'Why there was no answer, or empty.', returned: always, type: str}
     outcome: {description: 'The same as one word, V(answered), or as RV(masters[].outcome).', returned: always, type: str}
+    tcp_outcome: {description: 'Where no answer came, what a TCP connection to it gave, a word of RV(masters[].outcome). V(open)
+          where the kernel takes it.', returned: always, type: str}
+    waiting: {description: 'Where no answer came, how many connections wait at its port to be taken, null where it is not on
+          this computer.', returned: always, type: int}
 list_masters:
   description: What C(rosservice call /master_discovery/list_masters) prints on this computer.
   returned: when O(action=collect)

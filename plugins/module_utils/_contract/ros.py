@@ -19,6 +19,14 @@ class RoscoreAnswer(Struct):
     )
     error: str = field("Why there was no answer, or empty.", "")
     outcome: Outcome = field("The same as one word, V(answered), or as RV(masters[].outcome).", "answered")
+    tcp_outcome: Outcome = field(
+        "Where no answer came, what a TCP connection to it gave, a word of RV(masters[].outcome). V(open) where the kernel takes it.",
+        "not_tried",
+    )
+    waiting: typing.Optional[int] = field(
+        "Where no answer came, how many connections wait at its port to be taken, null where it is not on this computer.",
+        None,
+    )
 
 
 class ListedMaster(Struct):

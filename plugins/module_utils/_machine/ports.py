@@ -65,6 +65,20 @@ def read_sockets(protocol: str, proc: str = "/proc") -> typing.List[Socket]:
     return sockets
 
 
+def count_waiting(port: int, proc: str = "/proc") -> typing.Optional[int]:
+    """Count the TCP connections to a port of this computer that its program has not taken yet; None where nothing listens.
+
+    A program that hangs leaves them; what a packet filter drops never waits. Of a socket that listens, the kernel tells this as its
+    receive queue (net/ipv4/tcp_ipv4.c, get_tcp4_sock).
+    """
+    counts = []
+    for table in ("tcp", "tcp6"):
+        rows = (line.split() for line in text(os.path.join(proc, "net", table), 1 << 24).splitlines()[1:])
+        listens = (row for row in rows if len(row) >= 10 and row[3] == LISTEN)
+        counts += [int(row[4].partition(":")[2], 16) for row in listens if int(row[1].partition(":")[2], 16) == port]
+    return max(counts) if counts else None
+
+
 def address_of(digits: str) -> str:
     """Read an address of a table of /proc/net."""
     # 32-bit words, each printed in the byte order of the machine

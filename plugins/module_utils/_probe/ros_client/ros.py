@@ -19,12 +19,15 @@ from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
 from ..._base.regular_files import read_regular
 from ..._contract.outcomes import Outcome
-from ..._machine.outcomes import classify_error
+from ..._machine import ports
+from ..._machine.outcomes import classify_error, connect
 from . import node_services, tcpros
+from .hosts import place_of
 from .xml_rpc import Tables, ask, read_state
 
 CALLER = "/multimaster_verify"
 LIST_MASTERS = "/master_discovery/list_masters"  # of the nodes that the collection starts; others may have other names
+OPENS = 2.0  # seconds in which a TCP connection to a roscore that does not answer is to open
 KILLED = 10  # seconds after which a program is killed that does not end at its limit
 
 
@@ -77,10 +80,10 @@ class Ros:
         return read_state(self.uri, CALLER)
 
 
-def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
+def roscore(ros: Ros, deadline: float) -> typing.Dict[str, typing.Any]:
     """Ask the roscore of ROS_MASTER_URI for the URI by which its nodes know it."""
 
-    def look() -> typing.Dict[str, str]:
+    def look() -> typing.Dict[str, typing.Any]:
         try:
             return {"uri": ros.uri, "answer": str(ros.ask("getUri")), "error": "", "outcome": Outcome.ANSWERED.value}
         except OSError as problem:
@@ -90,7 +93,16 @@ def roscore(ros: Ros, deadline: float) -> typing.Dict[str, str]:
     if not ros.uri:
         error = f"{ros.file} has no ROS_MASTER_URI"
         return {"uri": "", "answer": "", "error": error, "outcome": Outcome.NOT_TRIED.value}
-    return poll(look, lambda seen: not seen["error"], deadline)
+    seen = poll(look, lambda seen: not seen["error"], deadline)
+    return _look_closer(seen) if seen["outcome"] == Outcome.NO_ANSWER.value else seen
+
+
+def _look_closer(seen: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
+    """Add what a connection alone gives, and how many wait to be taken: a roscore that hangs is told from a packet filter."""
+    host, port = place_of(seen["uri"])
+    if not host or not port:
+        return seen
+    return dict(seen, tcp_outcome=connect(host, port, OPENS).outcome.value, waiting=ports.count_waiting(port))
 
 
 def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.Dict[str, typing.Any]:

@@ -12,6 +12,7 @@ from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts, make_service_part
 from ..context.packet_filters import ROSCORE
 from ..observe.observations import DefaultRoute, ForwardingInterface, ServiceState
+from ..observe.outcomes import Outcome
 from ..observe.uris import is_one_of, is_same_uri
 from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
 
@@ -358,6 +359,14 @@ def _roscore_suspects(case: Case) -> Parts:
     return needs.roscore(case, name, master) - make_parts("roscore", master, "dead")
 
 
+def _find_own_filter(case: Case) -> Parts:
+    """Find the packet filter that keeps a computer from its own roscore: nobody waits there, and no connection opens."""
+    roscore = case.probe.roscore
+    if roscore.tcp_outcome != Outcome.NO_ANSWER or roscore.waiting != 0 or case.masters[0] != case.observer.name:
+        return frozenset()
+    return make_parts("filter", case.observer.name, "roscore in")
+
+
 @Check(
     title="ROS_MASTER_URI means the robot's roscore",
     when=lambda case: case.observer.is_probed and not case.observer.lacks_ros,
@@ -373,7 +382,7 @@ def _judge_master_uri(case: Case) -> Judgement:
     shell = make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {roscore.uri}")
     broken = shell if roscore.uri and not is_asked else frozenset()
     if roscore.error:
-        return Judgement(FAILED, expected, roscore.error, broken, roscore.outcome)
+        return Judgement(FAILED, expected, roscore.error, broken or _find_own_filter(case), roscore.outcome)
     good = is_one_of(roscore.answer, named) and is_asked
     found = (
         roscore.answer

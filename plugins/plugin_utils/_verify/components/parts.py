@@ -95,7 +95,8 @@ STOPPED, LOOPING = ("service", "stopped"), ("service", "looping")
 STANDSTILL = (STOPPED, ("service", "full"), LOOPING)  # in one of these a node answers nobody
 SEALED = ("roscore", "sealed")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
-    **{(node, "hung"): STANDSTILL for node in ("roscore", "discovery", "sync")},
+    **{(node, "hung"): STANDSTILL for node in ("discovery", "sync")},
+    ("roscore", "hung"): (*STANDSTILL, ("filter", "roscore in"), ("filter", "all in")),
     **{
         (node, "stale"): (
             *STANDSTILL,

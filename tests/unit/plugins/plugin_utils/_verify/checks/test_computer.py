@@ -303,6 +303,27 @@ def test_a_full_process_explains_what_it_does_not_answer():
     assert parts(diagnosed(change)) == [("service", ONE, "full")]
 
 
+@pytest.mark.parametrize(
+    ("tcp", "waiting", "expected"),
+    [
+        (Outcome.NO_ANSWER, 0, ("filter", ONE, "roscore in")),  # dropped before it
+        (
+            Outcome.NO_ANSWER,
+            6,
+            ("roscore", ONE, "hung"),
+        ),  # nobody takes those that wait, and the kernel lets in no more
+        (Outcome.OPEN, 1, ("roscore", ONE, "hung")),
+        (Outcome.NO_ANSWER, None, ("roscore", ONE, "hung")),
+    ],
+)
+def test_a_roscore_that_hangs_is_told_from_one_behind_a_filter(tcp, waiting, expected):
+    def change(seen):
+        _silent_roscore("no answer within 5 s")(seen)
+        _roscore(outcome=Outcome.NO_ANSWER, tcp_outcome=tcp, waiting=waiting)(seen)
+
+    assert parts(diagnosed(change)) == [expected]
+
+
 def test_a_service_with_room_for_files_is_well():
     assert not diagnosed(_service(open_files=62, most_files=64)).findings
 
