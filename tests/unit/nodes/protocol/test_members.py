@@ -61,17 +61,17 @@ def test_what_is_no_address_is_in_no_network(address):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"strangers": "some"}, "~strangers is 'some', but ignore or allow is expected"),
-        ({"allow": ["laptop"]}, "a list of IPv4 addresses and networks is expected"),
-        ({"members": [{}]}, "entry 1 of ~members: robot, name, uris"),
-        ({"members": [TIBI, {**TIBI, "uris": "x"}]}, "entry 2 of ~members: its uris are 'x', but a list of texts"),
-        ({"members": [{**TIBI, "rpc_port": "x"}]}, "its rpc_port is 'x', but a number is expected"),
+        ({"strangers": "some"}, "some allow"),
+        ({"allow": ["laptop"]}, "IPv4 networks"),
+        ({"members": [{}]}, "1 uris"),
+        ({"members": [TIBI, {**TIBI, "uris": "x"}]}, "2 x"),
+        ({"members": [{**TIBI, "rpc_port": "x"}]}, "rpc_port x"),
     ],
 )
 def test_a_wrong_value_is_a_sentence(table, given, said):
     with pytest.raises(parameters.ParameterError) as caught:
         parameters.overlay(table, given)
-    assert said in str(caught.value)
+    assert mentions(str(caught.value), *said.split())
 
 
 def test_the_members_of_the_plan_are_taken():

@@ -20,6 +20,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.re
     read_fleet,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+from mentioned import mentions
 from rosfleet_multimaster.protocol import parameters
 
 PIECES = (
@@ -130,28 +131,28 @@ def test_nodes_start_with_exports_that_preflight_accepts():
     [
         (
             {"ignore_topics": ["/a[b"]},
-            "regular expressions at 'ignore_topics', but ignore_topics: the pattern '/a[b' is no",
+            "ignore_topics /a[b",
         ),
         (
             {"ignore_hosts": ["(?P<n>a)", "(?P<n>b)"]},
-            "at 'ignore_hosts', but ignore_hosts: the pattern '(?P<n>b)' is no",
+            "ignore_hosts P<n>b",
         ),
-        ({"sync_hosts": ["(?P<n>a)", "(?P<n>b)"]}, "at 'sync_hosts', but sync_hosts: the pattern '(?P<n>b)' is no"),
-        ({"ignore_actions": ["/(?P<n>a)"]}, "at 'ignore_actions', but ignore_topics: the pattern '/(?P<n>a)/"),
+        ({"sync_hosts": ["(?P<n>a)", "(?P<n>b)"]}, "sync_hosts P<n>b"),
+        ({"ignore_actions": ["/(?P<n>a)"]}, "ignore_actions ignore_topics /(?P<n>a)/cancel"),
         (
             {"ignore_topics": ["(?P<n>a)"], "ignore_actions": ["/a", "/(?P<n>b)"]},
-            "regular expressions at 'ignore_actions'",
+            "ignore_actions expressions",
         ),
-        ({"ignore_topics": ["a{99999999999}"]}, "the repetition number is too large"),
-        ({"ignore_topics": ["(?a)(?u)/b"]}, "regular expressions at 'ignore_topics'"),
-        ({"ignore_topics": [LONG, LONG, LONG]}, "longer than 65536 characters"),
-        ({"ignore_topics": [" "]}, "texts and not empty"),
+        ({"ignore_topics": ["a{99999999999}"]}, "repetition large"),
+        ({"ignore_topics": ["(?a)(?u)/b"]}, "ignore_topics expressions"),
+        ({"ignore_topics": [LONG, LONG, LONG]}, "65536 characters"),
+        ({"ignore_topics": [" "]}, "empty texts"),
     ],
 )
 def test_filters_that_no_node_starts_with_are_one_sentence(value, text):
     with pytest.raises(UnexpectedValue) as caught:
         kinds.filters(value)
-    assert text in str(caught.value)
+    assert mentions(str(caught.value), *text.split())
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="older Pythons accept it")

