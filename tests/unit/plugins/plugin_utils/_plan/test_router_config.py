@@ -210,7 +210,7 @@ def test_a_router_without_an_address():
         ((["ios"], {"router": {"linux": "eth0"}}), "router_config_interfaces.router linux"),
         (
             (["ios"], {"router": {"ios": "x\nreload"}}),
-            "router_config_interfaces.router.ios word",
+            "router_config_interfaces.router.ios x",
         ),
         ((["ios"], {"router": "Vlan1"}), "router_config_interfaces.router Vlan1"),
         ((["ios"], ["Vlan1"]), "router_config_interfaces Vlan1"),
