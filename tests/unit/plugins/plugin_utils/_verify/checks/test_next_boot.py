@@ -13,6 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import BootDeviation
 from fleets import ONE, assert_told, diagnosed, evaluate, fig12, notable, update
+from mentioned import mentions
 
 LATER = "/etc/sysctl.d/99-x.conf line 2 sets 0"
 
@@ -33,7 +34,7 @@ def test_the_row_tells_the_reading_and_the_finding_the_thing():
     (row,) = notable(evaluate(_undone("sysctl"))).values()
     assert (row.found, row.expected) == (f"the thing: {LATER}", "1")
     (finding,) = diagnosed(_undone("sysctl")).findings
-    assert "the thing is right on kobuki1computer now, and not after the next boot" in finding.sentence()
+    assert mentions(finding.sentence(), "kobuki1computer", "next boot")
 
 
 @pytest.mark.parametrize(("runs", "verdicts"), [((), set()), (("a roscore",), {UNKNOWN})])

