@@ -365,3 +365,20 @@ def test_calls_of_a_multicall_have_answers_of_their_own(server, monkeypatch):
             assert "faultCode" in found
         except xmlrpc.client.Fault:
             pass
+
+
+@pytest.mark.parametrize(
+    ("address", "here", "robot"),
+    [
+        ("127.0.0.1", "127.0.0.1", None),
+        ("10.0.0.1", "10.0.0.1", None),
+        ("10.0.0.2", "10.0.0.1", None),  # another computer of this robot
+        ("10.0.0.3", "10.0.0.1", "robot2"),
+        ("10.9.9.9", "10.0.0.1", ""),
+        ("10.9.9.9", "10.9.9.8", ""),  # called at an address that is in no plan
+    ],
+)
+def test_who_registers_is_a_robot_by_all_of_its_computers(address, here, robot):
+    hosts = {"10.0.0.1": "robot1", "10.0.0.2": "robot1", "10.0.0.3": "robot2"}
+    found = door.Door(print, print, threading.local(), lambda asked: hosts.get(asked, ""))
+    assert found.find_other(door.Caller(address, here)) == robot

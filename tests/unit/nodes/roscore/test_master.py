@@ -597,3 +597,94 @@ def test_many_dead_nodes_are_ended_in_a_moment(roscore):
         roscore.master.end_node(name, uri)
     assert not roscore.master.reg_manager.nodes and not roscore.master._restored
     assert time.monotonic() - began < 8.0
+
+
+# The shares of robots
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A roscore with little room."""
+    for name, most in (
+        ("registrations", 1 << 20),
+        ("registrations of one", 1 << 17),
+        ("parameters", 1 << 20),
+        ("parameters of one", 1 << 18),
+    ):
+        monkeypatch.setitem(bounds.BOUNDS, name, bounds.BOUNDS[name]._replace(most=most))
+    found = Roscore()
+    found.master.set_robots(["robot2", "robot3"])
+    return found
+
+
+def come_from(roscore, robot):
+    """Have the calls that follow come from another robot; None for this one."""
+    roscore.master.calls.caller = module.Caller("10.0.0.9", "10.0.0.1", other=robot)
+
+
+def fill(roscore, robot):
+    """Register and set for a robot until nothing more is taken."""
+    come_from(roscore, robot)
+    refusals = []
+    for number in range(5000):
+        calls = (
+            ("registerPublisher", f"/{robot}/{number}", f"/topic_{robot}_{number}", "x/Y", FAR),
+            ("setParam", f"/{robot}", f"/{robot}_{number}", "x" * 10_000),
+        )
+        refusals = [
+            text for code, text, _value in (roscore.master.answer(call[0], call[1:]) for call in calls) if code < 0
+        ]
+        if len(refusals) == 2:
+            return refusals
+    raise AssertionError("everything is taken")
+
+
+def test_a_robot_that_fills_its_share_leaves_room_for_the_others(small):
+    assert all("more than the roscore takes" in text for text in fill(small, "robot2"))
+    for robot in ("robot3", None):
+        come_from(small, robot)
+        began = time.monotonic()
+        small.call("registerPublisher", f"/{robot}", "/chatter", "x/Y", A)
+        small.call("setParam", f"/{robot}", f"/speed_of_{robot}", 3)
+        assert time.monotonic() - began < 2
+    come_from(small, "robot2")
+    for number in range(2):
+        small.call("unregisterPublisher", f"/robot2/{number}", f"/topic_robot2_{number}", FAR)
+    small.call("deleteParam", "/robot2", "/robot2_0")
+    small.call("registerSubscriber", "/again", "/chatter", "x/Y", FAR)
+    small.call("setParam", "/again", "/again", 1)
+
+
+def test_a_later_life_knows_who_has_made_what(small):
+    """And so does what the store is written anew from."""
+    fill(small, "robot2")
+    come_from(small, None)
+    some(small)
+    registry = Registry()
+    for part in small.master.parts():
+        for record in part:
+            registry.apply(Record.from_row(json.loads(json.dumps(record.row))))
+    for before in (small.registry, registry):
+        second = Roscore()
+        second.master.set_robots(["robot2", "robot3"])
+        second.master.restore(before)
+        for robot in (None, "robot2", "robot3"):
+            for bound in ("registrations", "parameters"):
+                assert second.master.holdings.count(robot, bound) == small.master.holdings.count(robot, bound)
+        for kind, *arguments in (
+            ("registerPublisher", "/more", "/more", "x/Y", FAR),
+            ("setParam", "/more", "/more", "x" * 10_000),
+        ):
+            come_from(second, "robot2")
+            assert second.master.answer(kind, tuple(arguments))[0] == -1
+            come_from(second, "robot3")
+            assert second.master.answer(kind, tuple(arguments))[0] == 1
+
+
+def test_nodes_that_answer_late_count_for_who_had_registered_them(small):
+    come_from(small, "robot2")
+    some(small)
+    second = Roscore()
+    second.master.readmit(small.registry)
+    assert second.master.holdings.count("robot2") > 5000
+    assert second.master.holdings.count(None) == 0

@@ -18,7 +18,8 @@ def write(path, hosts):
 
 def test_a_file_that_changes_is_read_again(tmp_path):
     path = tmp_path / "master_discovery.json"
-    robots = Robots(str(path))
+    told = []
+    robots = Robots(str(path), told.append)
     robots.look(100.0)
     assert robots.at("10.0.0.2") == "10.0.0.2", "without a plan, each address is one"
     write(path, ["10.0.0.2", "10.0.0.3"])
@@ -26,6 +27,7 @@ def test_a_file_that_changes_is_read_again(tmp_path):
     assert robots.at("10.0.0.2") == "10.0.0.2", "not yet"
     robots.look(100.0 + EVERY)
     assert robots.at("10.0.0.2") == robots.at("10.0.0.3") == "robot2" and robots.at("10.9.9.9") == ""
+    assert told == [{"robot2", "", "allowed computers"}]
     write(path, ["10.0.0.4"])
     robots.look(100.0 + 2 * EVERY)
     assert robots.at("10.0.0.4") == "robot2" and robots.at("10.0.0.2") == ""
@@ -35,9 +37,9 @@ def test_a_file_that_changes_is_read_again(tmp_path):
 def test_a_file_that_is_none_changes_nothing(tmp_path, text):
     path = tmp_path / "master_discovery.json"
     write(path, ["10.0.0.2"])
-    robots = Robots(str(path))
+    robots = Robots(str(path), lambda robots: None)
     robots.look(0.0)
     path.write_bytes(text.encode("latin-1"))
     robots.look(EVERY)
     assert robots.at("10.0.0.2") == "robot2"
-    Robots("").look(0.0)
+    Robots("", lambda robots: None).look(0.0)

@@ -93,6 +93,7 @@ def test_the_sum_of_the_registrations_is_right():
     [
         ("/a", nested(64), "depth"),
         ("/a" * 64, nested(1), "depth"),
+        ("/a" * 100, 1, "depth"),
         ("/a", [[[nested(70)]]], "depth"),
         ("/a", "x" * (33 << 20), "parameter"),
         ("/a", "&" * (6 << 20), "parameter"),

@@ -14,6 +14,7 @@ from .tcpros.hosts import port_of
 
 IGNORE, ALLOW = "ignore", "allow"
 STRANGERS, ALLOWED = "", "allowed computers"  # who is at an address, in the place of a robot
+NOBODIES = (STRANGERS, ALLOWED)  # these are no robots
 LOWEST = 1024  # ports below it are of ssh and the like, never of a node, whatever a robot says of its nodes
 
 

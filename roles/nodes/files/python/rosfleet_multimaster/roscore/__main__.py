@@ -42,9 +42,10 @@ class Roscore:
     def __init__(self, options: argparse.Namespace) -> None:
         self._options, self._loop = options, Loop()
         self._workers = Workers(self._loop, THREADS, 1 << 16)
-        self._refusals, self._robots = Refusals(self._tell), Robots(options.members)
+        self._refusals = Refusals(self._tell)
         callbacks = master.Callbacks(self._on_changes, self._look_after, self._wait)
         self._master = master.Master(WATCHED, callbacks, self._refusals)
+        self._robots = Robots(options.members, self._master.set_robots)
         self._changes = Changes(
             uuid.uuid4().hex,
             self._master.ps_lock,

@@ -12,7 +12,7 @@ import socket
 import threading
 import xmlrpc.client
 from collections import Counter
-from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Tuple
 
 from ..edge.clock import monotonic
 from ..edge.core.shares import Shares
@@ -20,6 +20,7 @@ from ..edge.process.room import NoRoom, Room
 from ..edge.process.throttle import Throttle
 from ..edge.rpc_client import cut
 from ..edge.rpc_server import BoundedHandler
+from ..protocol.members import NOBODIES
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import Document, DocumentTooLarge, unpack
 from .core.bounds import BOUNDS, Refusal, refuse, weigh
@@ -51,6 +52,7 @@ class Caller(NamedTuple):
     has_left: Callable[[], bool] = lambda: False
     pause: Callable[[], None] = lambda: None  # waits where it has taken more than its share. Raises Refusal
     ends: Tuple[Tuple[str, int], Tuple[str, int]] = (("", 0), ("", 0))  # its connection: there, and here
+    other: Optional[str] = None  # the other robot that it is of; None for a computer of this one
 
     @property
     def is_own(self) -> bool:
@@ -147,6 +149,12 @@ class Door:
         """Return the robot that a caller is of; OWN for this computer."""
         return OWN if caller.is_own else self._robot_at(caller.address)
 
+    def find_other(self, caller: Caller) -> Optional[str]:
+        """Return the other robot that a caller is of; None for each computer of this one."""
+        robot = self.find_robot(caller)
+        is_here = robot == OWN or (robot not in NOBODIES and robot == self._robot_at(caller.here))
+        return None if is_here else robot
+
 
 class Handler(BoundedHandler):
     """A connection."""
@@ -157,6 +165,7 @@ class Handler(BoundedHandler):
     def __init__(self, request: socket.socket, client_address: Any, server: Any) -> None:
         there, here = client_address[:2], request.getsockname()[:2]
         self._caller = Caller(there[0], here[0], self._has_left, self._pause, (there, here))
+        self._caller = self._caller._replace(other=self.door.find_other(self._caller))
         self._payer = self.door.find_robot(self._caller)
         self.throttle, self.robot = self.door.throttle, None if self._payer == OWN else self._payer
         self._held = contextlib.ExitStack()  # the memory of this call

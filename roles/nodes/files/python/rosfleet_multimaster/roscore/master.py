@@ -13,7 +13,7 @@ import sys
 import threading
 from itertools import chain, islice
 from socket import socket as Socket
-from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
+from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 import rosgraph.names
 import rosgraph.network
@@ -28,9 +28,11 @@ from ..protocol import imports, json_text
 from ..protocol.plain_text import plain, quote
 from ..protocol.tcpros.hosts import host_of
 from . import programs
-from .core.bounds import BOUNDS, Refusal, Usage, check_names, is_writable, refuse, weigh, weigh_parameter
+from .core.bounds import BOUNDS, Refusal, Usage, check_names, is_writable, refuse, weigh
+from .core.holdings import Change, Holdings
 from .core.name_guard import NameGuard
 from .core.notifications import Call
+from .core.owners import Node, inner, owner_of
 from .core.registry import Record, Registry, node_of, split_name, touches
 from .door import Caller, Door, Handler, multicall
 from .notifier import Notifier
@@ -203,7 +205,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             TOGETHER: self._run_together,
         }
 
-        self.usage = Usage()
+        self.usage, self.holdings = Usage(), Holdings()
         self.thread_pool = _Pool(self._notifier, self._is_spared)
         self.ps_lock = threading.RLock()  # of the registrations
         self._depth = 0  # how often its holder changes something, one within the other
@@ -289,16 +291,22 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
     def caller(self) -> Caller:
         return getattr(self.calls, "caller", Caller())
 
+    def set_robots(self, robots: Collection[str]) -> None:
+        """Keep a part of the memory for each of these robots."""
+        with self.ps_lock:
+            self.holdings.set_robots(robots)
+
     def _note(self, record: Record) -> None:
+        record = record._replace(by=self.caller().other) if record.is_there else record
         self._records.append(record)
-        self.usage.count(record)
+        self.holdings.note(record, self.usage.count(record))
 
     def _change(self, name: str, arguments: Tuple[Any, ...]) -> Any:
         check_names(arguments[:-1] if name == "setParam" else arguments)
         self._check_bounds(name, arguments)
         key = _find_parameter(name, arguments)
         arguments = self._protect(name, key, arguments)
-        growth = self._find_growth(name, key, arguments)
+        change = self._plan_parameters(name, key, arguments)
         _kind, at = _REGISTERS.get(name, ("", 0))
         if at and len(arguments) > at and all(isinstance(arguments[place], str) for place in (0, at)):
             refusal = self._refusal(arguments[0], arguments[at])
@@ -309,37 +317,49 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         finally:
             self._spare = False
         if code == 1:
-            self.usage.parameters += growth
+            self.usage.parameters += change.total
+            self.holdings.apply(change)
             self._note_change(name, key, arguments)
-        elif code == 0 and growth:  # rosmaster failed half way
-            self.usage.parameters = weigh(self.param_server.parameters)
+        elif code == 0 and change.growth:
+            self._recount(change)
         return code, text, copy_tree(value)
+
+    def _recount(self, change: Change) -> None:
+        """Count the parameters anew: rosmaster failed, before it had changed something or after that."""
+        before, self.usage.parameters = self.usage.parameters, weigh(self.param_server.parameters)
+        if before != self.usage.parameters:
+            self.holdings.apply(change)
+        self.holdings.recount(self.param_server.parameters)
 
     def _note_change(self, name: str, key: str, arguments: Tuple[Any, ...]) -> None:
         """Note what a call has changed. `key`: the parameter that it has set or deleted, or ""."""
         if key:
             self._note_parameter(
-                key, Record("set", key, value=arguments[2]) if name == "setParam" else Record("delete", key)
+                key,
+                Record("set", key, value=arguments[2], by=self.caller().other)
+                if name == "setParam"
+                else Record("delete", key),
             )
         elif name in _REGISTERS:
             self._note_caller(arguments[0])
         if name.startswith("unregister") and self.has_ended(arguments[0]):
             self.callbacks.on_leaving(arguments[0], self.reg_manager.nodes[arguments[0]].api)
 
-    def _find_growth(self, name: str, key: str, arguments: Tuple[Any, ...]) -> int:
-        """How much heavier the parameters get by a call. Raises Refusal. rosmaster answers wrong arguments."""
+    def _plan_parameters(self, name: str, key: str, arguments: Tuple[Any, ...]) -> Change:
+        """How much heavier the parameters of each robot get by a call. Raises Refusal. rosmaster answers wrong arguments."""
         if not key:
-            return 0
+            return Change({})
+        tree = self.param_server.parameters
         if name == "deleteParam":
-            return -weigh_parameter(self.param_server.parameters, key)
+            return self.holdings.plan_delete(tree, key)
         value = arguments[2]
-        growth = self.usage.growth(self.param_server.parameters, key, value)
+        change = self.holdings.plan_set(tree, key, self.usage.growth(tree, key, value), self.caller().other)
         for watched in self._last:
             if touches(key, watched):
                 part = value if split_name(key) else dict(value).get(split_name(watched)[0]) if value else None
                 if weigh(part) > BOUNDS["watched"].most:
                     raise refuse("watched", watched)
-        return growth
+        return change
 
     def _check_bounds(self, name: str, arguments: Tuple[Any, ...]) -> None:
         """Raise Refusal where there is no room for a new registration."""
@@ -350,12 +370,16 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         key = rosgraph.names.resolve_name(key, node) + ("/" if kind == "listener" else "")
         users = self._tables[kind].map.get(key, ())
         many = kind != "service" and len(users) >= BOUNDS["users"].most
-        if (many or self.usage.is_full(*arguments)) and (node, uri) not in users:
+        if (node, uri) in users:
+            return
+        robot = self.caller().other
+        if many or self.usage.is_full(*arguments) or not self.holdings.have_room(robot, *arguments):
             self._forget_types()
             if self.usage.is_full(*arguments):
                 raise refuse("registrations", key)
             if many:
                 raise refuse("users", key)
+            self.holdings.check(robot, key, *arguments)
 
     def _forget_types(self) -> None:
         """Forget the types of unused topics, which rosmaster keeps for ever."""
@@ -484,6 +508,11 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def records(self) -> Iterator[Record]:
         """All registrations, as records. The lock is held while one is read; in between they may change."""
+        for record in self._list_registrations():
+            maker = self.holdings.find_maker(record)
+            yield record if maker is None else record._replace(by=maker)
+
+    def _list_registrations(self) -> Iterator[Record]:
         for topic, kind in list(self.topics_types.items()):
             yield Record("type", topic, value=kind)
         for name, reference in list(self.reg_manager.nodes.items()):
@@ -507,7 +536,9 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
 
         Changes that come meanwhile may be in it or not. With all of them carried out after it, the whole is right.
         """
-        records = chain([Record("set", "/", value={})], _list_records("", self.param_server.parameters), self.records())
+        owned = self.holdings.owners.find(())
+        parameters = _list_records("", self.param_server.parameters, owned)
+        records = chain([Record("set", "/", value={})], parameters, self.records())
         while True:
             with self.ps_lock:
                 part = list(islice(records, PART))
@@ -546,8 +577,10 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self._records.clear()
             self.usage = Usage()
             self.usage.parameters = weigh(registry.parameters)
+            self.holdings.restore(registry.facts.values(), registry.owners)
+            self.holdings.recount(registry.parameters)
             for record in self.records():
-                self.usage.count(record)
+                self.holdings.note(record, self.usage.count(record))
 
     def _node(self, name: str, uri: str) -> Any:
         nodes = self.reg_manager.nodes
@@ -575,6 +608,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 name, uri = node_of(record)
                 if name in self.reg_manager.nodes and not self.has(name, uri):
                     continue
+                self.calls.caller = Caller(other=record.by)
                 if kind in ("publisher", "subscriber"):
                     uris = self.call(f"register{kind.capitalize()}", name, key, types.get(key, "*"), uri)[2]
                     if kind == "subscriber":
@@ -664,16 +698,17 @@ def _find_parameter(name: str, arguments: Tuple[Any, ...]) -> str:
     return str(rosgraph.names.resolve_name(arguments[1], arguments[0]))
 
 
-def _list_records(name: str, tree: Dict[str, Any]) -> Iterator[Record]:
+def _list_records(name: str, tree: Dict[str, Any], owners: Node) -> Iterator[Record]:
     """The records of a tree of parameters: one for each value, so that the lines of the store stay short."""
     if not tree or any(not key or "/" in key for key in tree):  # no path leads to such a member
-        yield Record("set", name or "/", value=copy_tree(tree))
+        yield Record("set", name or "/", value=copy_tree(tree), by=owner_of(owners))
         return
     for key, value in list(tree.items()):
+        below = inner(owners, key)
         if isinstance(value, dict):
-            yield from _list_records(f"{name}/{key}", value)
+            yield from _list_records(f"{name}/{key}", value, below)
         else:
-            yield Record("set", f"{name}/{key}", value=value)
+            yield Record("set", f"{name}/{key}", value=value, by=owner_of(below))
 
 
 def copy_tree(value: Any) -> Any:

@@ -8,9 +8,9 @@ It is read again when it has changed: a robot that is added restarts no roscore.
 import json
 import logging
 import os
-from typing import Any, Tuple
+from typing import Any, Callable, Collection, Tuple
 
-from ..protocol.members import Members
+from ..protocol.members import NOBODIES, Members
 from ..protocol.plain_text import plain
 
 _log = logging.getLogger("rosfleet.robots")
@@ -22,9 +22,9 @@ _LARGEST = 4 << 20  # bytes; 1,000 robots are 500 kB
 class Robots:
     """The robots of the fleet. `at` is asked in threads."""
 
-    def __init__(self, path: str) -> None:
-        """`path`: of the file; "" for none."""
-        self._path, self._members = path, Members()
+    def __init__(self, path: str, tell: Callable[[Collection[str]], None]) -> None:
+        """`path`: of the file; "" for none. `tell(robots)`: they have changed, with who is none."""
+        self._path, self._members, self._tell = path, Members(), tell
         self._due, self._state = 0.0, (0, 0, 0)
 
     def at(self, address: str) -> str:
@@ -44,6 +44,7 @@ class Robots:
             with open(self._path, encoding="utf-8") as file:
                 values: Any = json.load(file)
             self._members, self._state = Members.from_parameters(values), state
+            self._tell({*NOBODIES, *(member.robot for member in self._members.robots)})
         except FileNotFoundError:
             pass
         except Exception as problem:  # root's file, which somebody may have edited

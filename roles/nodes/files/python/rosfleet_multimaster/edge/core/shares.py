@@ -14,24 +14,31 @@ class Shares:
     """A limit, and the part of it that each party has taken."""
 
     def __init__(
-        self, most: int, most_of_one: int, parties: Collection[str], own: str = "", for_own: Optional[int] = None
+        self,
+        most: int,
+        most_of_one: int,
+        parties: Collection[str],
+        own: str = "",
+        for_own: Optional[int] = None,
+        for_others: Optional[int] = None,
     ) -> None:
         """`own`: a party that is bounded by the rest alone; `for_own`: kept for it, a quarter without a word.
 
-        The others have a quarter then, and a half without an own party; each has one, however many they are.
+        `for_others`: kept for the others together, without a word a quarter, or a half without an own party; each has one,
+        however many they are.
         """
         others = [party for party in parties if party != own]
-        kept = most // 4 if own else most // 2
+        kept = for_others if for_others is not None else most // 4 if own else most // 2
         self._kept = {party: max(1, kept // len(others)) for party in others}
         if own:
             self._kept[own] = most // 4 if for_own is None else for_own
         self._own, self._most_of_one = own, most_of_one
         self._left = most - sum(self._kept.values())  # for who comes first
-        self._counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter()  # what each party has
 
     def have_room(self, party: str, number: int = 1) -> bool:
         """True if a party may have so many more."""
-        after = self._counts[party] + number
+        after = self.counts[party] + number
         if after <= self._kept.get(party, 0):
             return True
         is_own = bool(self._own) and party == self._own
@@ -40,9 +47,9 @@ class Shares:
     def add(self, party: str, number: int = 1) -> None:
         """A party has so many more."""
         self._left -= self._find_excess(party, number)
-        self._counts[party] += number
-        if not self._counts[party]:
-            del self._counts[party]
+        self.counts[party] += number
+        if not self.counts[party]:
+            del self.counts[party]
 
     def remove(self, party: str, number: int = 1) -> None:
         """A party has so many fewer."""
@@ -50,9 +57,9 @@ class Shares:
 
     def count(self, party: str) -> int:
         """Return how many a party has."""
-        return self._counts[party]
+        return self.counts[party]
 
     def _find_excess(self, party: str, number: int) -> int:
         """How much more beyond what is kept for it a party would have."""
-        kept, before = self._kept.get(party, 0), self._counts[party]
+        kept, before = self._kept.get(party, 0), self.counts[party]
         return max(0, before + number - kept) - max(0, before - kept)

@@ -10,7 +10,8 @@ import re
 from typing import Any, Dict, Iterable, NamedTuple, Sequence, Tuple
 
 from ...protocol.json_text import UNWRITABLE
-from .registry import USERS, Record, descend, split_name
+from .owners import descend
+from .registry import USERS, Record, split_name
 
 MIB = 1 << 20
 
@@ -31,8 +32,16 @@ BOUNDS: Dict[str, Limit] = {
     "name": Limit(512, "characters of a name, a type or a URI"),
     "parameter": Limit(32 * MIB, "bytes of one parameter"),
     "parameters": Limit(64 * MIB, "bytes of all parameters together"),
+    "parameters of one": Limit(
+        16 * MIB,
+        "bytes of the parameters that another robot has set; a half of all is kept for this robot, and an eighth for the others, a part for each",
+    ),
     "watched": Limit(4 * MIB, "bytes of a parameter that others are told of: the record of imports, and /do_not_sync"),
     "registrations": Limit(256 * MIB, "bytes of all registrations together; one counts 1,500 and its names"),
+    "registrations of one": Limit(
+        32 * MIB,
+        "bytes of the registrations that another robot has made; a half of all is kept for this robot, and an eighth for the others, a part for each",
+    ),
     "users": Limit(20_000, "publishers, subscribers or listeners of one name"),
     "calls": Limit(100_000, "calls in one system.multicall"),
     "together": Limit(1_000, "calls in one text of rosfleetTogether"),
@@ -138,6 +147,8 @@ class Usage:
     def growth(self, tree: Dict[str, Any], name: str, value: Any) -> int:
         """How much heavier the tree of parameters gets with this value. Raises Refusal."""
         parts = split_name(name)
+        if len(parts) > BOUNDS["depth"].most:
+            raise refuse("depth", name)
         weight = _weigh(value, BOUNDS["depth"].most - len(parts), name)
         if weight > BOUNDS["parameter"].most and parts:
             raise refuse("parameter", name)
@@ -150,16 +161,17 @@ class Usage:
         """True where there is no room for one more registration with these texts."""
         return self.registrations + weigh_registration(*texts) > BOUNDS["registrations"].most * self._spare
 
-    def count(self, record: Record) -> None:
-        """Count a change: something that is new, or gone."""
-        kind, name = record.kind, record.name
+    def count(self, record: Record) -> int:
+        """Count a change: something that is new, or gone. Return what it adds to the sum."""
+        kind, name, before = record.kind, record.name, self.registrations
         if kind in USERS:
-            self.registrations += weigh_registration(*record.texts) * (1 if record.there else -1)
+            self.registrations += weigh_record(record) * (1 if record.there else -1)
         elif kind in ("service", "node", "type"):
             self.registrations -= self._single.pop((kind, name), 0)
             if record.is_there:
-                cost = self._single[kind, name] = weigh_registration(*record.texts) - (0 if kind == "service" else 1000)
-                self.registrations += cost
+                self._single[kind, name] = weigh_record(record)
+                self.registrations += weigh_record(record)
+        return self.registrations - before
 
 
 # The tree of parameters
@@ -174,13 +186,18 @@ def _growth(tree: Dict[str, Any], parts: Sequence[str], new: int) -> int:
     return new - weigh(within[parts[at]]) if parts[at] in within else new + _MEMBER + weigh_text(parts[at])
 
 
+def weigh_member(name: str, value: Any) -> int:
+    """What a member of a mapping counts."""
+    return _MEMBER + weigh_text(name) + weigh(value)
+
+
 def weigh_parameter(tree: Dict[str, Any], name: str) -> int:
     """What a parameter counts in its tree, 0 where it is not set."""
     parts = split_name(name)
     within, at = descend(tree, parts)
     if not parts or at < len(parts) - 1 or parts[-1] not in within:
         return 0
-    return _MEMBER + weigh_text(parts[-1]) + weigh(within[parts[-1]])
+    return weigh_member(parts[-1], within[parts[-1]])
 
 
 # Names
@@ -195,6 +212,11 @@ def check_names(texts: Iterable[Any], whole: bool = False) -> None:
     for text in texts:
         if isinstance(text, str) and len(text) > most:
             raise refuse("name", f"a name of {len(text):,} characters")
+
+
+def weigh_record(record: Record) -> int:
+    """What the registration in a record counts."""
+    return weigh_registration(*record.texts) - (1000 if record.kind in ("node", "type") else 0)
 
 
 def weigh_registration(*texts: str) -> int:

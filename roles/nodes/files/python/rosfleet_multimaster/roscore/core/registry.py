@@ -10,12 +10,15 @@ As a row, in the store, a record is a list, its kind first:
     ["type", topic, type; "" where it is forgotten]        ["node", node, URI; "" where it is gone]
     ["set", parameter, value]                              ["delete", parameter]
 
+What another robot has made has that robot behind it (holdings.py).
+
 Two kinds are told, and not kept: ["refused", node, URI, why] and ["parameter", parameter, value].
 """
 
-from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Tuple
 
 from ...protocol.messages import NodeKey
+from .owners import Owner, Owners, descend, find_place
 
 Row = List[Any]  # a record as it is kept or told
 
@@ -30,6 +33,7 @@ class Record(NamedTuple):
     place: str = ""  # URI of the service
     value: Any = None  # of the parameter, the type of the topic, or the reason of the refusal
     there: bool = True  # False: the registration has ended
+    by: Owner = None  # the other robot that has made it; None for this one
 
     @property
     def is_there(self) -> bool:
@@ -39,7 +43,8 @@ class Record(NamedTuple):
     @property
     def row(self) -> Row:
         """The record as it is kept."""
-        return [self.kind, *(getattr(self, field) for field, _type in _FIELDS[self.kind])]
+        row = [self.kind, *(getattr(self, field) for field, _type in _FIELDS[self.kind])]
+        return row if self.by is None else [*row, self.by]
 
     @property
     def texts(self) -> Tuple[str, ...]:
@@ -50,19 +55,17 @@ class Record(NamedTuple):
     def from_row(cls, row: Any) -> "Record":
         """Read a record that was kept. Raises ValueError where it is none."""
         kind = row[0] if isinstance(row, list) and row and isinstance(row[0], str) else ""
-        fields = _FIELDS[kind] if kind in KEPT else ()
-        if (
-            not fields
-            or len(row) != len(fields) + 1
-            or not all(map(isinstance, row[1:], (kind for _name, kind in fields)))
-        ):
+        fields = (*_FIELDS[kind], _BY)[: max(0, len(row) - 1)] if kind in KEPT else ()
+        if len(fields) < len(_FIELDS.get(kind, (_BY,))) or len(row) != len(fields) + 1:
+            raise ValueError("no record")
+        if not all(map(isinstance, row[1:], (kind for _name, kind in fields))):
             raise ValueError("no record")
         return cls(kind, **{field: part for (field, _type), part in zip(fields, row[1:])})
 
 
 USERS = ("publisher", "subscriber", "listener")  # kinds of records about nodes that use something
 KEPT = (*USERS, "service", "type", "node", "set", "delete")
-_NAME = ("name", str)
+_NAME, _BY = ("name", str), ("by", str)
 #: kind -> what follows it in a row, and of which type that is
 _FIELDS: Dict[str, Tuple[Tuple[str, type], ...]] = {
     **dict.fromkeys(USERS, (_NAME, ("node", str), ("uri", str), ("there", bool))),
@@ -82,24 +85,25 @@ class Registry:
     def __init__(self) -> None:
         self.facts: Dict[Tuple[str, ...], Record] = {}  # the record of each thing that is there, in their order
         self.parameters: Dict[str, Any] = {}
+        self.owners = Owners()  # of the parameters
 
     def apply(self, record: Record) -> None:
         """Carry out a record. Raises ValueError where a parameter without a name is no mapping."""
         if record.kind == "set":
-            self._set_parameter(split_name(record.name), record.value)
+            self._set_parameter(split_name(record.name), record.value, record.by)
         elif record.kind == "delete":
             self._delete_parameter(split_name(record.name))
         elif not self.is_known(record):
             if record.is_there:
-                self.facts[_key(record)] = record
+                self.facts[key_of(record)] = record
             else:
-                del self.facts[_key(record)]
+                del self.facts[key_of(record)]
 
     def is_known(self, record: Record) -> bool:
         """True where a record, of anything but a parameter, changes nothing."""
-        present = self.facts.get(_key(record))
+        present = self.facts.get(key_of(record))
         if record.is_there:
-            return present == record
+            return present is not None and present[:-1] == record[:-1]  # whoever has made it
         if present is None or record.kind != "service":
             return present is None
         return (present.node, present.place) != (record.node, record.place)  # another one has it by now
@@ -111,7 +115,7 @@ class Registry:
     def exclude(self, is_gone: Callable[[str, str], bool]) -> "Registry":
         """A copy without the nodes for which `is_gone(name, URI)` is true. Topic types and parameters stay."""
         rest = Registry()
-        rest.parameters = self.parameters
+        rest.parameters, rest.owners = self.parameters, self.owners
         rest.facts = {
             key: record for key, record in self.facts.items() if record.kind == "type" or not is_gone(*node_of(record))
         }
@@ -123,11 +127,12 @@ class Registry:
         within, at = descend(self.parameters, parts)
         return within.get(parts[-1]) if at == len(parts) - 1 else None
 
-    def _set_parameter(self, parts: List[str], value: Any) -> None:
+    def _set_parameter(self, parts: List[str], value: Any, owner: Owner) -> None:
         """As rosmaster does it: each part of the name above the parameter becomes a mapping."""
+        if not parts and not isinstance(value, dict):
+            raise ValueError("no record")
+        self.owners.set(find_place(self.parameters, parts), owner)
         if not parts:
-            if not isinstance(value, dict):
-                raise ValueError("no record")
             self.parameters = value
             return
         within = self.parameters
@@ -141,9 +146,10 @@ class Registry:
         within, at = descend(self.parameters, parts)
         if parts and at == len(parts) - 1:
             within.pop(parts[-1], None)
+            self.owners.delete(parts)
 
 
-def _key(record: Record) -> Tuple[str, ...]:
+def key_of(record: Record) -> Tuple[str, ...]:
     """The thing that a record is about."""
     return (record.kind, record.name, record.node, record.uri) if record.kind in USERS else (record.kind, record.name)
 
@@ -158,16 +164,6 @@ def split_name(name: str) -> List[str]:
     return [part for part in name.split("/") if part]
 
 
-def descend(tree: Dict[str, Any], parts: Sequence[str]) -> Tuple[Dict[str, Any], int]:
-    """The innermost mapping on the way to a parameter, and the place of the part that is looked up in it."""
-    for at, part in enumerate(parts[:-1]):
-        inner = tree.get(part)
-        if not isinstance(inner, dict):
-            return tree, at
-        tree = inner
-    return tree, len(parts) - 1
-
-
 def to_feed(records: Iterable[Record]) -> List[Row]:
     """These records as the feed tells them, without those that it does not tell."""
     return [row for row in map(_to_feed, records) if row]
@@ -179,7 +175,7 @@ def _to_feed(record: Record) -> Row:
         return [kind, record.name, record.node, record.there]
     if kind == "service":
         return [kind, record.name, record.node, record.place if record.there else ""]
-    return record.row if kind in ("type", "node", "refused", "parameter") else []
+    return record._replace(by=None).row if kind in ("type", "node", "refused", "parameter") else []
 
 
 def touches(name: str, parameter: str) -> bool:
