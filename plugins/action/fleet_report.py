@@ -31,7 +31,7 @@ from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._verify.checks.engine import FAILED
 from ..plugin_utils._verify.report import history, terminal
-from ..plugin_utils._verify.report.judgement import Judgement, judge_run, make_document
+from ..plugin_utils._verify.report.judgement import FleetJudgement, judge_run, make_document
 from ..plugin_utils._verify.report.junit import write_junit
 from ..plugin_utils._verify.report.matrices import Matrices
 from ..plugin_utils._verify.report.page import TEMPLATE, make_page
@@ -293,7 +293,7 @@ def folder_of(inventory: str) -> Path:
     return home / "rosfleet" / "reports" / history.name_folder(inventory)
 
 
-def show(judgement: Judgement, document: Mapping[str, Any], written: str) -> None:
+def show(judgement: FleetJudgement, document: Mapping[str, Any], written: str) -> None:
     """Print the report as wide as the terminal; the table of all checks only with -v."""
     display = Display()
     width = min(max(shutil.get_terminal_size((terminal.WIDTH, 24)).columns, 80), 160)

@@ -31,7 +31,7 @@ class ActionModule(FleetAction):
         name, duration, known = (args.get(option) or "" for option in OPTIONS)
         try:
             seconds = progress.plan_rounds(duration)[-1]
-        except progress.Unreadable as problem:
+        except progress.UnreadableDuration as problem:
             raise Refusal(str(problem)) from None
         hosts = frozenset(task_vars["ansible_play_hosts_all"])
         reports = {

@@ -40,14 +40,14 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..plugin_utils._verify.watch.progress import Unreadable, plan_rounds
+from ..plugin_utils._verify.watch.progress import UnreadableDuration, plan_rounds
 
 
 def watch_rounds(duration: Any) -> dict[str, Any]:
     """Return the duration and the ends of the rounds; see DOCUMENTATION. Raises AnsibleFilterError."""
     try:
         ends = plan_rounds(str(duration))
-    except Unreadable as problem:
+    except UnreadableDuration as problem:
         raise AnsibleFilterError(str(problem)) from problem
     return {"seconds": ends[-1], "ends": ends}
 

@@ -19,7 +19,7 @@ sys.path[:0] = [str(HERE), str(HERE.parents[1] / "lab")]
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import OK  # noqa: E402
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import (  # noqa: E402
-    Judgement,
+    FleetJudgement,
     judge_run,
     make_document,
 )
@@ -40,7 +40,7 @@ def read_run(recorded: dict[str, Any]) -> Run:
     return gather_run({"fleet": recorded["fleet"], **recorded["report"]}, hostvars, list(hostvars), {"pairs": "auto"})
 
 
-def judge(recorded: dict[str, Any]) -> tuple[str, str, Judgement]:
+def judge(recorded: dict[str, Any]) -> tuple[str, str, FleetJudgement]:
     """Return the grade, the sentence of the first finding, and the judgement."""
     run = read_run(recorded)
     judgement = judge_run(run, True, False)

@@ -27,7 +27,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.mode
     kernel_routes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import COMMON
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import Flows, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import (
+    Flows,
+    RegisteredItem,
+)
 
 from tests.simulator.ros import TALKS
 from tests.simulator.state import DEAD, HUNG, Computer, Node, Port, ports, replace_interface, replace_link
@@ -442,7 +445,7 @@ def twin(state, random):
 
 def _crosses(state, one, other, topic, node):
     """Return True if a publisher is exchanged between two robots; else it concerns nobody what it is."""
-    flows, item = Flows(state.fleet), Item("publisher", topic, node)
+    flows, item = Flows(state.fleet), RegisteredItem("publisher", topic, node)
     return any(flows.rules(*way).passes(item, TALKS) for way in ((one, other), (other, one)))
 
 

@@ -54,7 +54,7 @@ def _of(state, network, ros, name, there, started, listeners):
 
 def _filter(state, name):
     """Whether the rules of the collection are as planned. Rules of others are not looked at."""
-    return seen.PacketFilter(msg="The rules of nftables were right.")
+    return seen.FilterState(msg="The rules of nftables were right.")
 
 
 def _filters(state, network, name):

@@ -9,7 +9,10 @@ from functools import lru_cache
 from ipaddress import IPv4Address
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Packet
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import Flows, Item
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import (
+    Flows,
+    RegisteredItem,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 
@@ -247,7 +250,7 @@ class Ros:
         return [
             name
             for name in self.talkers(source)
-            if self.passes(source, target, Item("publisher", topic_of(name), talker_of(name)), TALKS)
+            if self.passes(source, target, RegisteredItem("publisher", topic_of(name), talker_of(name)), TALKS)
         ]
 
     def topics(self, computer, started):
@@ -422,7 +425,7 @@ class Ros:
                 kind: tuple(
                     node
                     for node in getattr(entry, kind + "s")
-                    if self.passes(source, target, Item(kind, entry.name, node), entry.type)
+                    if self.passes(source, target, RegisteredItem(kind, entry.name, node), entry.type)
                     and not self._refused(target, source, entry, node)
                 )
                 for kind in ("publisher", "subscriber")
@@ -434,7 +437,7 @@ class Ros:
         services = tuple(
             entry
             for entry in self.node_services(source)
-            if self.passes(source, target, Item("service", entry.name, entry.node), "")
+            if self.passes(source, target, RegisteredItem("service", entry.name, entry.node), "")
         )
         return seen.Import(self.uri(source), tuple(topics), services)
 

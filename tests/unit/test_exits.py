@@ -18,13 +18,13 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import number_problems
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import (
     Diagnosis,
     Finding,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import Judgement
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import FleetJudgement
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -183,13 +183,13 @@ def through_a_difference(text):
 
 def through_the_report(text):
     row = Row("names", "robot1", "robot2", FAILED, text, text)
-    part, rival = Part("registration", "robot1", "ghost", text), Part("messages", "robot2", "differ", text)
+    part, rival = Component("registration", "robot1", "ghost", text), Component("messages", "robot2", "differ", text)
     diagnosis = Diagnosis((Finding(part, rivals=(rival,), proof=(row,), rows=(row,)),), (row,))
     summary = summarise([row], ["robot1", "robot2"], 2)
     shown = plain_lines(terminal.render(summary, diagnosis))
     return [
         *shown.replace("\t", " ").split("\n"),
-        *texts(plain_data(Judgement(summary, diagnosis, [row], None, 0.0).as_data())),
+        *texts(plain_data(FleetJudgement(summary, diagnosis, [row], None, 0.0).as_data())),
     ]
 
 

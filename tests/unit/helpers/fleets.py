@@ -25,6 +25,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     DefaultRoute,
     Disk,
     Exchange,
+    FilterState,
     ForwardingInterface,
     ForwardingSettings,
     GivenTopics,
@@ -40,7 +41,6 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     NodeConnection,
     NodeParameters,
     Observation,
-    PacketFilter,
     Ping,
     Probe,
     RegisteredService,
@@ -146,7 +146,7 @@ def good(fleet, name):
     return Observation(
         multicast=good_multicast(fleet, me, own) if me and me.discovery else None,
         probe=router_probe(fleet, own) if own.is_router else good_probe(fleet, me, own),
-        packet_filter=PacketFilter(msg="The rules of nftables were right."),
+        packet_filter=FilterState(msg="The rules of nftables were right."),
         found=MachineState(),
     )
 
@@ -369,7 +369,9 @@ def imported(fleet, flows, master, robot):
     rules = flows.rules(master.robot, robot)
 
     def passing(kind, entry, nodes):
-        return [node for node in nodes if rules.passes(registrations.Item(kind, entry.name, node), entry.type)]
+        return [
+            node for node in nodes if rules.passes(registrations.RegisteredItem(kind, entry.name, node), entry.type)
+        ]
 
     topics = [
         topic(
@@ -381,7 +383,9 @@ def imported(fleet, flows, master, robot):
         for entry in its_topics
     ]
     services = [
-        entry for entry in its_services if rules.passes(registrations.Item("service", entry.name, entry.node), "")
+        entry
+        for entry in its_services
+        if rules.passes(registrations.RegisteredItem("service", entry.name, entry.node), "")
     ]
     return Import(
         master.uri, tuple(entry for entry in topics if entry.publishers or entry.subscribers), tuple(services)

@@ -9,7 +9,7 @@ from statistics import median_low
 
 from ..._verify.checks.engine import FAILED, MEMBER, OK, Check, Judgement, judge_fault
 from ..._verify.checks.hooks import CheckHooks
-from ..._verify.components.parts import Part
+from ..._verify.components.parts import Component
 from ..._verify.context.case import Case
 from ..._verify.context.needs import Parts, make_parts
 from ..._verify.observe.observations import SeenTunnel, TunnelPeer
@@ -99,7 +99,7 @@ def _find_silence(case: Case, planned: PlannedPeer) -> Parts:
         if late > LATE:
             return make_parts("tunnel", place, "clock", what=f"{late:.0f} s behind the others")
         return make_parts("tunnel", place, "silent")
-    return frozenset({Part.from_pair("tunnel", "pair", name, planned.computer)})
+    return frozenset({Component.from_pair("tunnel", "pair", name, planned.computer)})
 
 
 def _measure_lateness(case: Case, place: str) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import pairwise
 
-from ..._verify.components.parts import Part
+from ..._verify.components.parts import Component
 from ..._verify.context.case import Case
 from ..._verify.context.hooks import ContextHooks
 from ..._verify.context.needs import FORWARDER, Parts, join_parts, make_parts
@@ -26,8 +26,8 @@ def list_way_parts(case: Case, places: Iterable[str]) -> Parts:
     hub = _find_hub(case, *ends)
     stops = [ends[0], hub, ends[1]] if hub else ends
     own = join_parts(make_parts("tunnel", stop, *MODES) for stop in stops)
-    own |= {Part(kind, hub, mode) for kind, mode in FORWARDER if hub}
-    return own | {Part.from_pair("tunnel", "pair", *leg) for leg in pairwise(stops)}
+    own |= {Component(kind, hub, mode) for kind, mode in FORWARDER if hub}
+    return own | {Component.from_pair("tunnel", "pair", *leg) for leg in pairwise(stops)}
 
 
 def _find_hub(case: Case, one: str, other: str) -> str:

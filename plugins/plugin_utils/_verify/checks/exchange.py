@@ -10,11 +10,11 @@ from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
 
 from ..._base.sentences import shorten_list
-from ..components.parts import Part
+from ..components.parts import Component
 from ..context import needs, stages
 from ..context.case import Case
 from ..context.needs import Parts, join_parts, make_parts
-from ..context.registrations import TEST_NODES, Clash, Conflict, Item
+from ..context.registrations import TEST_NODES, Clash, Conflict, RegisteredItem
 from ..context.stages import Stage
 from ..observe.observations import Exchange, SilentNode
 from ..observe.outcomes import Outcome
@@ -155,7 +155,7 @@ def _judge_names(case: Case) -> Judgement:
     clashes = case.state.exchanges.clashes(its, own)
     names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
     twins = frozenset(
-        Part.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}")
+        Component.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}")
         for clash in clashes[:MOST_PARTS]
     )
     return judge_fault(FAILED, "each name once", shorten_list(names, NAMED), "no name twice", twins)
@@ -171,11 +171,11 @@ def _describe_conflict(conflict: Conflict) -> str:
     return f"{conflict.topic} is {type_name} on both, with the md5 sum {its_sum} on {one} and {md5sum} on {other}"
 
 
-def _make_conflict_part(case: Case, conflict: Conflict) -> Part:
+def _make_conflict_part(case: Case, conflict: Conflict) -> Component:
     odd = case.state.exchanges.odd(conflict)
     if odd:
-        return Part("messages", odd, "differ", conflict.topic)
-    return Part.from_pair("messages", "differ", *case.robots, what=conflict.topic)
+        return Component("messages", odd, "differ", conflict.topic)
+    return Component.from_pair("messages", "differ", *case.robots, what=conflict.topic)
 
 
 @Check(
@@ -205,7 +205,8 @@ def _list_sharers(shared: Iterable[Clash]) -> Parts:
     for clash in shared:
         topics[clash.robots].append(clash.name)
     return frozenset(
-        Part.from_pair("topic", "shared", *robots, what=shorten_list(names, NAMED)) for robots, names in topics.items()
+        Component.from_pair("topic", "shared", *robots, what=shorten_list(names, NAMED))
+        for robots, names in topics.items()
     )
 
 
@@ -233,7 +234,7 @@ def _judge_shared_topics(case: Case) -> Judgement:
 def _judge_bridges(case: Case) -> Judgement:
     own, its = case.robots
     found = shorten_list(case.state.exchanges.find_bridged_topics(its, own), NAMED)
-    circle = frozenset({Part.from_pair("topic", "circle", own, its, what=found)})
+    circle = frozenset({Component.from_pair("topic", "circle", own, its, what=found)})
     return judge_fault(WARNING, "each topic passes one bridge", found, "no topic passes two", circle)
 
 
@@ -251,7 +252,7 @@ def _flow_suspects(case: Case) -> Parts:
     return sync | fetched | needs.heartbeats(case, own, its)
 
 
-def _find_flow_faults(case: Case, missing: Sequence[Item], superfluous: Sequence[Item]) -> Parts:
+def _find_flow_faults(case: Case, missing: Sequence[RegisteredItem], superfluous: Sequence[RegisteredItem]) -> Parts:
     """Superfluous registrations come from parameters of the sync node."""
     own, its = case.robots
     observer = case.observer.name
@@ -347,7 +348,7 @@ def _find_copy_faults(case: Case, wrong: Collection[str]) -> Parts:
     is_read = case.exchange is not None and not case.exchange.error
     if is_read and not any("another value" in words for words in wrong) and case.state.exchanges.find_missing(its, own):
         return frozenset()
-    return frozenset({Part.from_pair("parameter", "copy", own, its, what=shorten_list(wrong, NAMED))})
+    return frozenset({Component.from_pair("parameter", "copy", own, its, what=shorten_list(wrong, NAMED))})
 
 
 @Check(
@@ -380,6 +381,6 @@ def _judge_cross_link(case: Case) -> Judgement | None:
         f"{link.node} {'hears' if link.direction == 'in' else 'is heard by'} {link.peer} of {link.robot} on {link.topic}"
         for link in crossing
     )
-    between = frozenset({Part.from_pair("registration", "link", *case.robots)})
+    between = frozenset({Component.from_pair("registration", "link", *case.robots)})
     expected = "only connections of what is exchanged"
     return judge_fault(FAILED, expected, shorten_list(links, NAMED), "only such", between)

@@ -11,7 +11,7 @@ from typing import Any
 from ..._base.sentences import shorten_list
 from ..._inventory.filters import matches
 from ..._inventory.flows import find_inner_name, find_outer_name, list_names
-from ..components.parts import Part
+from ..components.parts import Component
 from ..context import needs
 from ..context.case import Case
 from ..context.needs import Parts, make_parts
@@ -115,5 +115,5 @@ def _judge_relay(case: Case) -> Judgement | None:
     missing, more = wrong
     parts = [("not there", missing), ("there without an owner", more)]
     found = "; ".join(f"{words}: {shorten_list(topics, NAMED)}" for words, topics in parts if topics)
-    lacking = Part.from_pair("relay", "lacking", *case.robots, what=shorten_list(missing or more, NAMED))
+    lacking = Component.from_pair("relay", "lacking", *case.robots, what=shorten_list(missing or more, NAMED))
     return judge_fault(FAILED, "what the channels take across", found, "just that", frozenset({lacking}))

@@ -16,10 +16,10 @@ from ..._faults.fault import Advices, Fault
 from ..._faults.filters import DROPPED, RULED
 from ..._faults.table import FAULTS, HOOKS
 
-__all__ = ("ANY", "FAULTS", "FOLLOWS", "HEARSAY", "RULED", "Part")
+__all__ = ("ANY", "FAULTS", "FOLLOWS", "HEARSAY", "RULED", "Component")
 
 
-class Part(NamedTuple):
+class Component(NamedTuple):
     """A part that may be broken in one way."""
 
     kind: str
@@ -29,7 +29,7 @@ class Part(NamedTuple):
     other: str = ""  # the second place of a fault between two
 
     @classmethod
-    def from_pair(cls, kind: str, mode: str, *places: str, what: str = "") -> Part:
+    def from_pair(cls, kind: str, mode: str, *places: str, what: str = "") -> Component:
         """Make the part between two places, in whatever order they come."""
         place, other = sorted(places)
         return cls(kind, place, mode, what, other)

@@ -16,7 +16,7 @@ from ipaddress import IPv4Interface, IPv4Network
 from ..._network import facts, packets, plan_world
 from ..._network.model import Interface, Machine, Route, World, kernel_routes
 from ..._plan.model import ComputerPlan, FleetPlan
-from ..components.parts import Part
+from ..components.parts import Component
 from ..observe.observations import ForwardingInterface
 from .case import FleetState, Participant
 from .packet_filters import TRAFFIC
@@ -28,12 +28,12 @@ NOWHERE = "blackhole"
 class ActualWorld:
     """The world as it was read, with some known faults."""
 
-    def __init__(self, state: FleetState, faults: Iterable[Part]) -> None:
+    def __init__(self, state: FleetState, faults: Iterable[Component]) -> None:
         self._state = state
         self._faults = [part for part in faults if part.kind in KINDS]
         self._world = _make_world(state, self._faults) if self._faults else None
 
-    def find_fault(self, sender: str, target: str, traffic: str) -> Part | None:
+    def find_fault(self, sender: str, target: str, traffic: str) -> Component | None:
         """Return the known fault at whose place a packet of this kind ends, or its answer; None where both arrive."""
         ways, world = self._state.ways, self._world
         member, own = ways.members.get(target), ways.members.get(sender)
@@ -50,7 +50,7 @@ class ActualWorld:
         return next((part for place in places for part in self._faults if place in part.places), None)
 
 
-def _make_world(state: FleetState, faults: Sequence[Part]) -> World:
+def _make_world(state: FleetState, faults: Sequence[Component]) -> World:
     planned = state.filters.world
     machines = {
         name: _read_machine(state.fleet, planned.machines[name], computer)
@@ -96,7 +96,7 @@ def _list_routes(plan: ComputerPlan, interfaces: Sequence[Interface]) -> tuple[R
 
 # The faults
 
-Change = Callable[[FleetPlan, Machine, Part], Machine]
+Change = Callable[[FleetPlan, Machine, Component], Machine]
 
 
 def _cut_network(world: World, name: str) -> World:
@@ -104,11 +104,11 @@ def _cut_network(world: World, name: str) -> World:
     return replace(world, links={**world.links, name: replace(link, up=False)}) if link else world
 
 
-def _switch_off(_fleet: FleetPlan, machine: Machine, _part: Part) -> Machine:
+def _switch_off(_fleet: FleetPlan, machine: Machine, _part: Component) -> Machine:
     return replace(machine, on=False)
 
 
-def _cut_link(_fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
+def _cut_link(_fleet: FleetPlan, machine: Machine, part: Component) -> Machine:
     """Take an interface down, of a device without a probe, too."""
     interfaces = [replace(one, up=False) if part.what in ("", one.link) else one for one in machine.interfaces]
     return replace(machine, interfaces=tuple(interfaces))
@@ -120,14 +120,14 @@ def _close_routes(machine: Machine, networks: Iterable[IPv4Network]) -> Machine:
     return replace(machine, routes=(*closed, *machine.routes))
 
 
-def _lose_route(fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
+def _lose_route(fleet: FleetPlan, machine: Machine, part: Component) -> Machine:
     """Take away the way to a network, or to all others."""
     own = {address.network for one in machine.interfaces for address in one.addresses}
     gone = (network for network, link in fleet.network_names.items() if part.what in ("", link))
     return _close_routes(machine, (network for network in gone if network not in own))
 
 
-def _close_address(_fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
+def _close_address(_fleet: FleetPlan, machine: Machine, part: Component) -> Machine:
     """Close the way to what the words of a closed route name, such as "blackhole 192.168.12.0/24 table 7"."""
     try:
         return _close_routes(machine, [IPv4Network(part.what.split()[1].replace("default", "0.0.0.0/0"))])
@@ -135,7 +135,7 @@ def _close_address(_fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
         return machine
 
 
-def _lose_neighbour(fleet: FleetPlan, machine: Machine, part: Part) -> Machine:
+def _lose_neighbour(fleet: FleetPlan, machine: Machine, part: Component) -> Machine:
     """Close the routes by a neighbour whose hardware address is wrong."""
     plan = fleet.computers.get(part.what)
     own = {entry.address for entry in plan.networks} if plan else set()

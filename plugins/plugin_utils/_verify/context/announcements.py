@@ -16,7 +16,7 @@ from typing import NamedTuple
 from ..._base.hosts import host_of
 from ..._base.sentences import shorten_list
 from ..._plan.model import FleetPlan, Membership
-from ..components.parts import Part
+from ..components.parts import Component
 from ..observe.observations import AnnouncedHost, ForwardingInterface, NodeHost, Probe
 from .registrations import TEST_NODES
 
@@ -65,9 +65,9 @@ class Misplaced(NamedTuple):
         return f" (refused by {shorten_list((robot for robot, _why in self.refused), NAMED)})" if self.refused else ""
 
     @property
-    def part(self) -> Part:
+    def part(self) -> Component:
         """The part that is broken."""
-        return Part("node", self.computer, self.mode, str(self))
+        return Component("node", self.computer, self.mode, str(self))
 
 
 class _Fleet:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from ..components.parts import Part
+from ..components.parts import Component
 from ..observe.observations import Ping
 from ..observe.outcomes import Outcome
 from . import needs
@@ -33,9 +33,9 @@ OWN: Mapping[Outcome, tuple[tuple[str, str, str], ...]] = {
 }
 
 
-def list_own_parts(outcome: Outcome, sender: str, traffic: str) -> list[Part]:
+def list_own_parts(outcome: Outcome, sender: str, traffic: str) -> list[Component]:
     """List what an errno of the sender's kernel leaves, the likeliest part first; nothing where it says nothing of the sender."""
-    return [Part(kind, sender, mode.format(traffic), what) for kind, mode, what in OWN.get(outcome, ())]
+    return [Component(kind, sender, mode.format(traffic), what) for kind, mode, what in OWN.get(outcome, ())]
 
 
 def find_parts(case: Case, outcome: Outcome, traffic: str) -> Parts:

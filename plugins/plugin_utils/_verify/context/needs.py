@@ -13,11 +13,11 @@ from itertools import pairwise
 
 from ..._base.features import load_hooks
 from ..._plan.model import COMMON
-from ..components.parts import Part
+from ..components.parts import Component
 from .case import Case
 from .hooks import ContextHooks
 
-Parts = frozenset[Part]
+Parts = frozenset[Component]
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
@@ -27,7 +27,7 @@ FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), 
 
 def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
     """Make parts of one kind at one place; an empty place has no parts."""
-    return frozenset(Part(kind, place, mode, what) for mode in modes) if place else frozenset()
+    return frozenset(Component(kind, place, mode, what) for mode in modes) if place else frozenset()
 
 
 def _list_hooks() -> Collection[ContextHooks]:
@@ -54,17 +54,17 @@ def way(case: Case, one: str, other: str) -> Parts:
 
 
 def _way(case: Case, one: str, other: str) -> Parts:
-    parts = {Part.from_pair("filter", "pair", one, other)}
+    parts = {Component.from_pair("filter", "pair", one, other)}
     for computer in (one, other):
         parts |= make_parts("computer", computer, "off") | make_parts("interface", computer, "address", "prefix")
         parts |= port_parts(case, computer)
     parts |= duplicates(case, one, other) | neighbours(case, one, other) | neighbours(case, other, one)
     for asks, answers in _hops(case, one, other):
-        parts |= {Part("neighbour", asks, "fixed", answers), Part("neighbour", answers, "fixed", asks)}
+        parts |= {Component("neighbour", asks, "fixed", answers), Component("neighbour", answers, "fixed", asks)}
     links, between = case.ways.list_links(one, other), case.ways.list_forwarders(one, other)
     places = [place for place, network in links if network == COMMON]
     parts |= join_parts(hooks.list_way_parts(case, places) for hooks in _list_hooks())
-    parts |= {Part(kind, gateway, mode) for gateway in between for kind, mode in FORWARDER}
+    parts |= {Component(kind, gateway, mode) for gateway in between for kind, mode in FORWARDER}
     return frozenset(parts | _link_parts(case, one, other, "down", "dead") | _routes(case, one, other))
 
 
@@ -79,8 +79,8 @@ def _link_parts(case: Case, one: str, other: str, mode: str, *network_modes: str
 def neighbours(case: Case, sender: str, target: str) -> Parts:
     """List what the ARP questions and answers need of a packet from one computer to the other. Its answer needs those of the way back."""
     hops = list(_hops(case, sender, target))
-    mute = frozenset(Part("neighbour", answers, "mute") for _asks, answers in hops)
-    return mute | {Part("neighbour", place, "filter") for hop in hops for place in hop}
+    mute = frozenset(Component("neighbour", answers, "mute") for _asks, answers in hops)
+    return mute | {Component("neighbour", place, "filter") for hop in hops for place in hop}
 
 
 def _hops(case: Case, one: str, other: str) -> Iterable[tuple[str, str]]:
@@ -91,7 +91,7 @@ def _hops(case: Case, one: str, other: str) -> Iterable[tuple[str, str]]:
 def duplicates(case: Case, one: str, other: str) -> Parts:
     """List the addresses on the way that a second computer may have. Chance decides which of the two a neighbour finds."""
     return frozenset(
-        Part("interface", place, "duplicate", what)
+        Component("interface", place, "duplicate", what)
         for asks, answers in _hops(case, one, other)
         for place, other_one in ((answers, asks), (asks, answers))
         for what in (other_one, "")
@@ -110,7 +110,10 @@ def _routes(case: Case, one: str, other: str) -> Parts:
     parts = set(make_parts("route", one, "defaults") | make_parts("route", other, "defaults"))
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
         for computer in computers:
-            parts |= {Part("route", computer, "circle", destination), *make_parts("route", computer, "closed", "rule")}
+            parts |= {
+                Component("route", computer, "circle", destination),
+                *make_parts("route", computer, "closed", "rule"),
+            }
             if not case.ways.is_in(computer, destination):
                 parts |= route_parts(computer, destination)
     return frozenset(parts)
@@ -130,7 +133,7 @@ def large(case: Case, one: str, other: str) -> Parts:
     """List the parts that lose only large packets on the way."""
     if one == other:
         return frozenset()
-    parts: set[Part] = set()
+    parts: set[Component] = set()
     for place, network in case.ways.list_links(one, other):
         if network == COMMON:
             parts |= join_parts(hooks.list_large_parts(case, place) for hooks in _list_hooks())
@@ -145,7 +148,7 @@ def arp_parts(case: Case, one: str, other: str) -> Parts:
 
     A computer that forwards packets reports it to their sender ("host unreachable"). A device of another make may not.
     """
-    parts: set[Part] = set()
+    parts: set[Component] = set()
     for (place, network), (following, beyond) in pairwise(case.ways.list_links(one, other)):
         if network == beyond and place in case.fleet.computers:
             parts |= silent_parts(place, following, network)
@@ -178,7 +181,7 @@ def loss_parts(case: Case, one: str, other: str) -> Parts:
 
 def slow(case: Case, one: str, other: str) -> Parts:
     """List the parts that may make a stream slow. It goes out of one link and into the next."""
-    parts: set[Part] = set()
+    parts: set[Component] = set()
     for number, (place, network) in enumerate(case.ways.list_links(one, other)):
         parts |= make_parts("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
         parts |= make_parts("network", network, "slow")
@@ -204,7 +207,7 @@ def active_translations(case: Case, one: str, other: str) -> Parts:
     return frozenset(part for part in parts if _outer_addresses(case, part) & hearer.callers)
 
 
-def _outer_addresses(case: Case, part: Part) -> frozenset[str]:
+def _outer_addresses(case: Case, part: Component) -> frozenset[str]:
     """Return the address of a gateway on the network of a translation."""
     same = (gateway for gateway in case.ways.gateways.values() if gateway.title == part.place)
     return frozenset(str(one.common_address if part.what == COMMON else one.address) for one in same)
@@ -230,7 +233,7 @@ def multicast(case: Case, hearer: str, speaker: str) -> Parts:
         parts |= make_parts("service", gateway, "down", what="multimaster-multicast-routing.service")
     parts |= port_parts(case, hearer) | port_parts(case, speaker)
     sends = make_parts("computer", speaker, "off") | make_parts("interface", speaker, "address")
-    return frozenset(parts | sends | {Part.from_pair("filter", "pair", hearer, speaker)})
+    return frozenset(parts | sends | {Component.from_pair("filter", "pair", hearer, speaker)})
 
 
 def _group_forwarders(case: Case, one: str, other: str) -> list[str]:

@@ -19,7 +19,7 @@ from ..._network import facts, packets, plan_world, policy
 from ..._network.model import FORWARD, IN, NO_WAY, OUT, Interface, Lookup, Machine, Packet, Rule, World
 from ..._plan.model import FleetPlan, Member
 from ..._predict.prediction import NODES
-from ..components.parts import Part
+from ..components.parts import Component
 from ..observe.observations import Observation
 
 GROUP, ROSCORE = "group", "roscore"
@@ -35,26 +35,26 @@ class ReadFilters:
         self._fleet = fleet
         self._observations = observations
         self._members: Mapping[str, Member] = {member.name: member for member in fleet.members}
-        self._known: dict[tuple[str, str, str], Part | None] = {}
-        self.rules: dict[Part, Rule] = {}  # that have shown a filter
+        self._known: dict[tuple[str, str, str], Component | None] = {}
+        self.rules: dict[Component, Rule] = {}  # that have shown a filter
 
-    def find_drop(self, sender: str, target: str, traffic: str) -> Part | None:
+    def find_drop(self, sender: str, target: str, traffic: str) -> Component | None:
         """Return the packet filter that drops a packet of this kind, or its answer; None where no known rule does."""
         key = (sender, target, traffic)
         if key not in self._known:
             self._known[key] = self._trace_packet(*key)
         return self._known[key]
 
-    def list_origins(self, part: Part) -> tuple[str, ...]:
+    def list_origins(self, part: Component) -> tuple[str, ...]:
         """List the chains, as "family table chain", of the rule that was found for a part; none where a rule did not show it."""
         return self.rules[part].origins if part in self.rules else ()
 
-    def _name_filter(self, rule: Rule, place: str, mode: str, what: str = "") -> Part:
-        part = Part("filter", place, mode, what)
+    def _name_filter(self, rule: Rule, place: str, mode: str, what: str = "") -> Component:
+        part = Component("filter", place, mode, what)
         self.rules.setdefault(part, rule)
         return part
 
-    def lets_pass(self, part: Part) -> bool:
+    def lets_pass(self, part: Component) -> bool:
         """Return True if all rules at the place of a filter were understood, in the chains that would drop the packet."""
         seen = self._observations.get(part.place)
         if seen is None or seen.filters is None or not seen.filters.readable or part.place not in self.world.machines:
@@ -62,7 +62,7 @@ class ReadFilters:
         chain = part.mode.rpartition(" ")[2]  # without one the filter is that of both ends
         return self.world.machines[part.place].unclear.isdisjoint({chain} & {IN, OUT, FORWARD} or {IN, OUT})
 
-    def _trace_packet(self, sender: str, target: str, traffic: str) -> Part | None:
+    def _trace_packet(self, sender: str, target: str, traffic: str) -> Component | None:
         member, machines = self._members.get(target), self.world.machines
         if member is None or sender not in machines or target not in machines:
             return None
@@ -74,17 +74,17 @@ class ReadFilters:
             return None
         rule, where = failed.rule, failed.where
         if isinstance(rule, Lookup):
-            return Part("route", where, "rule", policy.write_rule(rule))
+            return Component("route", where, "rule", policy.write_rule(rule))
         if rule.chain in machines[where].unclear:
             return None  # a rule that was not understood may have let it pass
         if _is_for_one_pair(rule):
-            return Part.from_pair("filter", "pair", sender, target)
+            return Component.from_pair("filter", "pair", sender, target)
         if rule.chain == FORWARD:
             return self._name_filter(rule, where, "forward", TRAFFIC[traffic].upper() if rule.protocol else "")
         mode = traffic if rule.protocol else ALL
         return self._name_filter(rule, where, mode if failed is way.back else f"{mode} {rule.chain}")
 
-    def _trace_datagram(self, sender: str, target: str) -> Part | None:
+    def _trace_datagram(self, sender: str, target: str) -> Component | None:
         """Return the filter at one of the two ends that drops a datagram to the group."""
         speaker, hearer = (self.world.machines[name] for name in (sender, target))
         source, there = (self._address(name) for name in (sender, target))

@@ -35,7 +35,7 @@ MEANT_FOR_MANY = (
 _BRIDGE = re.compile(r"(?:/\w+)*/ros1?_bridge\w*")  # a node of the package ros1_bridge calls itself /ros_bridge
 
 
-class Item(NamedTuple):
+class RegisteredItem(NamedTuple):
     """One registration of a node."""
 
     kind: str  # publisher, subscriber or service
@@ -74,7 +74,7 @@ class FlowRules(filters.Rules):
         rules = cls(**{rule.name: filters.usable(patterns.get(rule.name, ())) for rule in fields(cls)})
         return cast(FlowRules, rules.complete_white_lists())  # it keeps the class
 
-    def passes(self, item: Item, type_name: str) -> bool:
+    def passes(self, item: RegisteredItem, type_name: str) -> bool:
         """Return True if a registration is to be known to the receiving robot."""
         if item.kind == "service":
             return self.service(item.node, item.name)
@@ -158,9 +158,9 @@ def _particular(values: Iterable[object]) -> bool:
 class RoscoreIndex(NamedTuple):
     """The content of a robot's roscore, indexed."""
 
-    own: Mapping[Item, str]  # registration of an own node -> type
+    own: Mapping[RegisteredItem, str]  # registration of an own node -> type
     sums: Mapping[str, tuple[str, str]]  # topic of own nodes -> type, md5 sum
-    imports: Mapping[str, Mapping[Item, str]]  # URI of the other master -> item -> type
+    imports: Mapping[str, Mapping[RegisteredItem, str]]  # URI of the other master -> item -> type
 
     @classmethod
     def from_content(cls, exchange: Exchange) -> RoscoreIndex:
@@ -175,9 +175,9 @@ class RoscoreIndex(NamedTuple):
         """List the topics of own nodes of ros1_bridge."""
         return frozenset(item.name for item in self.own if item.kind != "service" and _BRIDGE.fullmatch(item.node))
 
-    def names(self) -> dict[tuple[str, str], list[Item]]:
+    def names(self) -> dict[tuple[str, str], list[RegisteredItem]]:
         """List the registrations by (kind, name) of own nodes, services and published topics, without those of every robot."""
-        names: dict[tuple[str, str], list[Item]] = defaultdict(list)
+        names: dict[tuple[str, str], list[RegisteredItem]] = defaultdict(list)
         for item in self.own:
             if filters.matches(filters.BUILT_IN["ignore_nodes"], item.node) or item.node.startswith(TEST_NODES):
                 continue
@@ -189,14 +189,14 @@ class RoscoreIndex(NamedTuple):
         return names
 
 
-def _items(part: Exchange | Import) -> Iterator[tuple[Item, str]]:
+def _items(part: Exchange | Import) -> Iterator[tuple[RegisteredItem, str]]:
     """Yield each registration with its type."""
     for topic in part.topics:
         for kind, nodes in (("publisher", topic.publishers), ("subscriber", topic.subscribers)):
             for node in nodes:
-                yield Item(kind, topic.name, node), topic.type
+                yield RegisteredItem(kind, topic.name, node), topic.type
     for service in part.services:
-        yield Item("service", service.name, service.node), ""
+        yield RegisteredItem("service", service.name, service.node), ""
 
 
 class Exchanges:
@@ -213,12 +213,12 @@ class Exchanges:
         self.flows = Flows(fleet)
         self.robots = {robot: RoscoreIndex.from_content(exchange) for robot, exchange in seen.items()}
         self._uris = {robot: [normalise_uri(uri) for uri in uris] for robot, uris in fleet.master_uris.items()}
-        self._wanted: dict[tuple[str, int], frozenset[Item]] = {}  # by robot and id of its rules
+        self._wanted: dict[tuple[str, int], frozenset[RegisteredItem]] = {}  # by robot and id of its rules
         self._holders, self._shared = _find_shared_names({robot: has.names() for robot, has in self.robots.items()})
         self._bridged = {robot: has.list_bridged_topics() for robot, has in self.robots.items()}
         self._unlike = _find_unlike({robot: has.sums for robot, has in self.robots.items()})
 
-    def find_due(self, source: str, target: str) -> frozenset[Item]:
+    def find_due(self, source: str, target: str) -> frozenset[RegisteredItem]:
         """Return what the target is to get of a source with a known content."""
         rules = self.flows.rules(source, target)
         key = source, id(rules)
@@ -232,7 +232,7 @@ class Exchanges:
             )
         return self._wanted[key]
 
-    def find_missing(self, source: str, target: str) -> list[Item]:
+    def find_missing(self, source: str, target: str) -> list[RegisteredItem]:
         """List what the target is to get and has not, without the refusals that another check reports."""
         if source not in self.robots:
             return []
@@ -249,14 +249,14 @@ class Exchanges:
             and (item.name not in topics if item.kind != "service" else ("service", item.name) not in clashes)
         )
 
-    def superfluous(self, source: str, target: str) -> list[Item]:
+    def superfluous(self, source: str, target: str) -> list[RegisteredItem]:
         """List what the target has of the source and is not to get."""
         imports = self.find_imports(source, target)
         due = self.find_due(source, target) if source in self.robots else frozenset()
         rules = self.flows.rules(source, target)
         return sorted(item for item in imports.keys() - due if not rules.passes(item, imports[item]))
 
-    def find_imports(self, source: str, target: str) -> Mapping[Item, str]:
+    def find_imports(self, source: str, target: str) -> Mapping[RegisteredItem, str]:
         """Return what a target with a known content has of the source, with the types."""
         imports = self.robots[target].imports
         return next((imports[uri] for uri in self._uris[source] if uri in imports), {})
@@ -340,10 +340,10 @@ class Exchanges:
             publisher, subscriber = (theirs, mine) if link.direction == "in" else (mine, theirs)
             kind = types.get(link.topic, ("", ""))[0]
             passing = self.flows.rules(publisher[0], subscriber[0]).passes(
-                Item("publisher", link.topic, publisher[1]), kind
+                RegisteredItem("publisher", link.topic, publisher[1]), kind
             )
             back = self.flows.rules(subscriber[0], publisher[0]).passes(
-                Item("subscriber", link.topic, subscriber[1]), kind
+                RegisteredItem("subscriber", link.topic, subscriber[1]), kind
             )
             if not passing and not back:
                 crossing.append(link)
@@ -351,10 +351,10 @@ class Exchanges:
 
 
 def _find_shared_names(
-    names: Mapping[str, Mapping[tuple[str, str], Sequence[Item]]],
-) -> tuple[dict[tuple[str, str], dict[str, Sequence[Item]]], dict[str, list[tuple[str, str]]]]:
+    names: Mapping[str, Mapping[tuple[str, str], Sequence[RegisteredItem]]],
+) -> tuple[dict[tuple[str, str], dict[str, Sequence[RegisteredItem]]], dict[str, list[tuple[str, str]]]]:
     """Find the (kind, name) that several robots have: robot and registrations of each, and the list of each robot."""
-    holders: dict[tuple[str, str], dict[str, Sequence[Item]]] = defaultdict(dict)
+    holders: dict[tuple[str, str], dict[str, Sequence[RegisteredItem]]] = defaultdict(dict)
     for robot, registrations in names.items():
         for key, items in registrations.items():
             holders[key][robot] = items

@@ -17,7 +17,7 @@ from ..observe.observations import Exchange, GivenTopics, HeardTopic, RefusedNam
 from ..observe.outcomes import Outcome
 from .case import Case, Participant
 from .needs import Parts, join_parts, make_parts
-from .registrations import TEST_NODES, Item
+from .registrations import TEST_NODES, RegisteredItem
 from .ways import Ways
 
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
@@ -59,7 +59,7 @@ def find_stage(seen: Seen) -> Stage | None:
 def is_filtered(case: Case, topic: str) -> bool:
     """Return True if the filters between the two robots leave the topic of a talker out."""
     own, its = case.robots
-    talker = Item("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
+    talker = RegisteredItem("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
     return own != its and not case.state.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from ..._inventory.model import Gateway
 from ..._plan.model import COMMON, ComputerPlan, FleetPlan, Master, Member
-from ..components.parts import Part
+from ..components.parts import Component
 
 
 class Way(NamedTuple):
@@ -31,7 +31,7 @@ class Way(NamedTuple):
         return self.next_hop is not None
 
 
-def _describe_roscore(part: Part) -> str:
+def _describe_roscore(part: Component) -> str:
     """Say what a roscore shows. Without a word of it, it does not answer."""
     return f"calls itself {part.what}" if part.mode == "name" and part.what else ""
 
@@ -60,15 +60,15 @@ class Ways:
             self._at.update({str(gateway.address): gateway.title, str(gateway.common_address): gateway.title})
         self.titles = frozenset(gateway.title for gateway in self.gateways.values())
         self.master_at: Mapping[str, Master] = {master.computer: master for master in fleet.masters}
-        self.parts: dict[tuple[str, str], frozenset[Part]] = {}  # between two computers, as needs.way finds them
+        self.parts: dict[tuple[str, str], frozenset[Component]] = {}  # between two computers, as needs.way finds them
 
-    def seal(self, parts: frozenset[Part]) -> frozenset[Part]:
+    def seal(self, parts: frozenset[Component]) -> frozenset[Component]:
         """Say of the roscores on sealed computers that they are there: nobody can look at them, or start them again, from here."""
         sealed = self._fleet.companions
         if not sealed:
             return parts
         return frozenset(
-            Part("roscore", sealed[part.place], "sealed", _describe_roscore(part))
+            Component("roscore", sealed[part.place], "sealed", _describe_roscore(part))
             if part.kind == "roscore" and part.place in sealed
             else part
             for part in parts

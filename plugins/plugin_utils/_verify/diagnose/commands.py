@@ -15,7 +15,7 @@ from ipaddress import IPv4Network
 from ..._base import advice
 from ..._faults.fault import Advice, Advices
 from ..._faults.filters import DROPPED, RULED
-from ..components.parts import Part
+from ..components.parts import Component
 from ..context.case import FleetState, Participant
 from .node_remedies import list_remedies
 from .onset import MAKERS
@@ -26,27 +26,27 @@ ROS = ("roscore", "discovery", "sync")  # services
 Commands = Iterator[str]
 
 
-def _switch_on(computer: Participant, parts: Sequence[Part], _state: FleetState) -> Commands:
+def _switch_on(computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
     for part in parts:
         if interface := computer.interface_on.get(part.what):
             yield advice.command("ip link set dev {} up", ("device", interface.interface))
 
 
-def _set_mtu(computer: Participant, parts: Sequence[Part], state: FleetState) -> Commands:
+def _set_mtu(computer: Participant, parts: Sequence[Component], state: FleetState) -> Commands:
     for part in parts:
         interface, usual = computer.interface_on.get(part.what), state.usual.get(part.what)
         if interface and usual and interface.mtu != usual:
             yield advice.command("ip link set dev {} mtu {}", ("device", interface.interface), ("number", usual))
 
 
-def _correct_prefix(computer: Participant, _parts: Sequence[Part], _state: FleetState) -> Commands:
+def _correct_prefix(computer: Participant, _parts: Sequence[Component], _state: FleetState) -> Commands:
     for interface, text, found, planned in computer.find_wrong_prefixes():
         address, device = ("address", text), ("device", interface)
         yield advice.command("ip address add {}/{} dev {}", address, ("number", planned), device)
         yield advice.command("ip address del {}/{} dev {}", address, ("number", found), device)
 
 
-def _delete_default_routes(computer: Participant, _parts: Sequence[Part], _state: FleetState) -> Commands:
+def _delete_default_routes(computer: Participant, _parts: Sequence[Component], _state: FleetState) -> Commands:
     """Delete those that are not planned, if the planned one is there."""
     routes = computer.probe.default_routes
     planned = {str(route.gateway) for route in computer.plan.routes if not route.destination.prefixlen}
@@ -60,15 +60,15 @@ def _delete_default_routes(computer: Participant, _parts: Sequence[Part], _state
         )
 
 
-def _delete_closed_routes(_computer: Participant, parts: Sequence[Part], _state: FleetState) -> Commands:
+def _delete_closed_routes(_computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
     return (advice.command("ip route del {}", ("route", part.what)) for part in parts)
 
 
-def _delete_rules(_computer: Participant, parts: Sequence[Part], _state: FleetState) -> Commands:
+def _delete_rules(_computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
     return (advice.command("ip rule del {}", ("rule", part.what)) for part in parts)
 
 
-def _comment_out_lines(_computer: Participant, parts: Sequence[Part], _state: FleetState) -> Commands:
+def _comment_out_lines(_computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
     """Lines with one of the names that are not the collection's become comments."""
     names = "|".join("{}" for _part in parts)
     line = f"s/^[^#].*[[:space:]]({names})([[:space:]]|$)/# &/"
@@ -77,7 +77,7 @@ def _comment_out_lines(_computer: Participant, parts: Sequence[Part], _state: Fl
     )
 
 
-def _comment_out_settings(computer: Participant, parts: Sequence[Part], _state: FleetState) -> Commands:
+def _comment_out_settings(computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
     """The line that decides at the next boot becomes a comment; nothing of a package is changed."""
     for entry in computer.probe.next_boot:
         if entry.kind == "sysctl" and entry.name in {part.what for part in parts}:
@@ -86,7 +86,7 @@ def _comment_out_settings(computer: Participant, parts: Sequence[Part], _state: 
             yield advice.command(words, ("setting", entry.name), ("file", file))
 
 
-def _drop_ins(computer: Participant, _parts: Sequence[Part], _state: FleetState) -> Commands:
+def _drop_ins(computer: Participant, _parts: Sequence[Component], _state: FleetState) -> Commands:
     """Drop-in files that set variables are set aside; nodes are registered at the roscore, so all of them start again."""
     services = computer.probe.services
     moves = [
@@ -100,7 +100,7 @@ def _drop_ins(computer: Participant, _parts: Sequence[Part], _state: FleetState)
         yield from [*moves, "systemctl daemon-reload", restart]
 
 
-def _limit_files(_computer: Participant, parts: Sequence[Part], _state: FleetState) -> Commands:
+def _limit_files(_computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
     """A drop-in file gives a unit the limit that systemd gives, where nobody says another one."""
     for part in parts:
         folder, unit = "/etc/systemd/system/{}.d", ("unit", part.what)
@@ -120,7 +120,7 @@ LASTING: Mapping[str, tuple[Mapping[str, str], str]] = {
 }
 
 
-def _accept_packets(_computer: Participant, parts: Sequence[Part], state: FleetState) -> Commands:
+def _accept_packets(_computer: Participant, parts: Sequence[Component], state: FleetState) -> Commands:
     """A rule before the one that drops lets the packets of the fleet pass; its program is told, where it is known."""
     networks = sorted({*(entry.network for entry in state.fleet.networks), state.fleet.common_network})
     for part in parts:
@@ -133,7 +133,7 @@ def _accept_packets(_computer: Participant, parts: Sequence[Part], state: FleetS
             yield _accept_before(part, origins[0], networks)
 
 
-def _accept_before(part: Part, origin: str, networks: Iterable[IPv4Network]) -> str:
+def _accept_before(part: Component, origin: str, networks: Iterable[IPv4Network]) -> str:
     mode, _space, direction = part.mode.rpartition(" ")
     dropped = DROPPED.get(mode or direction)
     what = part.what or (dropped.what if dropped else "")
@@ -145,7 +145,7 @@ def _accept_before(part: Part, origin: str, networks: Iterable[IPv4Network]) -> 
 
 
 # (kind, mode) -> the commands, from what was read.
-COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Part], FleetState], Commands]] = {
+COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], FleetState], Commands]] = {
     ("link", "down"): _switch_on,
     ("interface", "mtu"): _set_mtu,
     ("interface", "prefix"): _correct_prefix,
@@ -160,7 +160,7 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Part], FleetS
 }
 
 
-def make_commands(parts: Sequence[Part], computer: Participant | None, state: FleetState) -> Advices:
+def make_commands(parts: Sequence[Component], computer: Participant | None, state: FleetState) -> Advices:
     """Return what to paste for parts that are one finding; nothing where nothing was read that says it."""
     fault = parts[0].kind, parts[0].mode
     if parts[0].kind == "node":

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from ..components.parts import Part
+from ..components.parts import Component
 
 GAIN = 4.0  # of a failure that a part explains, in the measure of Fault.cost
 KNOWN = 2.0  # what a part gains that was read to be broken
@@ -26,7 +26,7 @@ MARGIN = 1.0  # parts that are as good as the best one, but for this: it is one 
 class Failure(NamedTuple):
     """An observation that is not as expected, with the parts that may be the reason, and what it counts."""
 
-    suspects: Set[Part]
+    suspects: Set[Component]
     weight: float = 1.0
 
 
@@ -34,16 +34,16 @@ class Failure(NamedTuple):
 class Explanation:
     """A part that explains failures, by their numbers; `rivals` explain the same, and nothing tells them apart."""
 
-    part: Part
+    part: Component
     failures: list[int] = field(default_factory=list)
-    rivals: tuple[Part, ...] = ()
+    rivals: tuple[Component, ...] = ()
 
 
 def explain(
     failures: Sequence[Failure],
-    known: Set[Part],
-    passed: Callable[[Part], int],
-    doubt: Callable[[Part], float | None] = lambda part: None if part.fault.read else 0.0,
+    known: Set[Component],
+    passed: Callable[[Component], int],
+    doubt: Callable[[Component], float | None] = lambda part: None if part.fault.read else 0.0,
 ) -> tuple[list[Explanation], list[int]]:
     """Choose parts until nothing is left that any part explains; return them, and the numbers of the rest.
 
@@ -64,26 +64,26 @@ class _Cover:
     def __init__(
         self,
         failures: Sequence[Failure],
-        known: Set[Part],
-        passed: Callable[[Part], int],
-        doubt: Callable[[Part], float | None],
+        known: Set[Component],
+        passed: Callable[[Component], int],
+        doubt: Callable[[Component], float | None],
     ) -> None:
         self.failures, self.known, self.passed = failures, known, passed
         self.open = set(range(len(failures)))
-        self.covers: dict[Part, list[int]] = defaultdict(list)
-        self.doubts: dict[Part, float | None] = {}
+        self.covers: dict[Component, list[int]] = defaultdict(list)
+        self.doubts: dict[Component, float | None] = {}
         for number, failure in enumerate(failures):
             for part in failure.suspects:
                 if part not in self.doubts:
                     self.doubts[part] = 0.0 if part in known else doubt(part)
                 if self.doubts[part] is not None:
                     self.covers[part].append(number)
-        self.counted: dict[Part, int] = {}
+        self.counted: dict[Component, int] = {}
         # (smaller is better, the part); a score is never better than when it was put here
         self.heap = [(self._cost(part) - GAIN * self._weight(part), part) for part in self.covers]
         heapq.heapify(self.heap)
 
-    def best(self) -> Part | None:
+    def best(self) -> Component | None:
         """Return the part with the best score, if it is worth its cost."""
         while self.heap:
             _hoped, part = heapq.heappop(self.heap)
@@ -95,13 +95,13 @@ class _Cover:
             heapq.heappush(self.heap, (-score, part))
         return None
 
-    def take(self, part: Part) -> list[int]:
+    def take(self, part: Component) -> list[int]:
         """Note that a part explains what it can; return the numbers of what nothing has explained before."""
         taken = [number for number in self.covers[part] if number in self.open]
         self.open.difference_update(taken)
         return taken
 
-    def score(self, part: Part, numbers: Set[int] | None = None) -> float:
+    def score(self, part: Component, numbers: Set[int] | None = None) -> float:
         """Weigh a part by what it explains of what is open, or of some numbers.
 
         Successes that need it clear a part that lets nothing pass. A different part is worth its share of failures.
@@ -113,21 +113,21 @@ class _Cover:
             return -self._cost(part)
         return GAIN * self._weight(part, numbers) * hits / (hits + successes) - self._cost(part)
 
-    def _weight(self, part: Part, numbers: Set[int] | None = None) -> float:
+    def _weight(self, part: Component, numbers: Set[int] | None = None) -> float:
         wanted = self.open if numbers is None else numbers
         return sum(self.failures[number].weight for number in self.covers[part] if number in wanted)
 
-    def _cost(self, part: Part) -> float:
+    def _cost(self, part: Component) -> float:
         if part in self.known:
             return -KNOWN
         return part.fault.cost + (self.doubts.get(part) or 0.0)
 
-    def equals(self, best: Part, numbers: Set[int]) -> list[Part]:
+    def equals(self, best: Component, numbers: Set[int]) -> list[Component]:
         """List the parts that explain the same failures nearly as well as the best one, and better ones before."""
         shared = frozenset.intersection(*(frozenset(self.failures[number].suspects) for number in numbers))
         scores = {part: self.score(part, numbers) for part in shared & self.covers.keys()}
         limit = max(scores.values()) - MARGIN
-        found: list[Part] = []
+        found: list[Component] = []
         for part in sorted(
             (part for part in scores if scores[part] >= limit), key=lambda part: (-scores[part], part != best, part)
         ):
@@ -136,7 +136,7 @@ class _Cover:
         return found[:MOST]
 
 
-def _is_alike(one: Part, other: Part) -> bool:
+def _is_alike(one: Component, other: Component) -> bool:
     """Return True if two parts are one for a person: the same kind at the same place, broken in the same way or in one direction."""
     return (one.kind, one.places) == (other.kind, other.places) and one.mode.partition(" ")[0] == other.mode.partition(
         " "
@@ -159,7 +159,7 @@ def _weigh_again(entry: Explanation, kept: Sequence[Explanation], cover: _Cover)
 
 
 def _drop_redundant(
-    chosen: list[Explanation], covers: Mapping[Part, Sequence[int]], known: Set[Part]
+    chosen: list[Explanation], covers: Mapping[Component, Sequence[int]], known: Set[Component]
 ) -> list[Explanation]:
     """Drop a part that was only concluded where the others explain all that it explains."""
     kept = list(chosen)

@@ -17,7 +17,7 @@ from itertools import chain, islice
 from ..._base.sentences import shorten_list
 from ..._faults.fault import ALWAYS, CONTROLLER, INVENTORY, Advices
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Judgement, Row, Verification
-from ..components.parts import ANY, FOLLOWS, HEARSAY, RULED, Part
+from ..components.parts import ANY, FOLLOWS, HEARSAY, RULED, Component
 from ..context import needs
 from ..context.case import LATELY, Participant
 from ..context.errors import find_parts
@@ -50,12 +50,12 @@ NAMED = 4  # names, networks and the like that a finding names
 class Finding:
     """A finding: a part that is broken, the observations that show it, and those that follow from it."""
 
-    part: Part
+    part: Component
     verdict: str = FAILED
-    rivals: tuple[Part, ...] = ()  # that explain the same: it is one of these
+    rivals: tuple[Component, ...] = ()  # that explain the same: it is one of these
     proof: list[Row] = field(default_factory=list)  # rows with a value that shows it
     rows: list[Row] = field(default_factory=list)  # rows that it explains
-    also: tuple[Part, ...] = ()  # the same at the same place: other names, other networks
+    also: tuple[Component, ...] = ()  # the same at the same place: other names, other networks
 
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
     followed: tuple[SeenEnd, ...] = ()  # where packets were seen to end
@@ -69,7 +69,7 @@ class Finding:
         return SEEN if self.proof else LOCATED if self.followed else INFERRED
 
     @property
-    def candidates(self) -> tuple[Part, ...]:
+    def candidates(self) -> tuple[Component, ...]:
         """It is one of these."""
         return (self.part, *self.rivals)
 
@@ -142,14 +142,14 @@ class _Diagnosis:
     def __init__(self, verification: Verification, rows: Sequence[Row]) -> None:
         self.verification = verification
         self.bad = {(row.check, row.observer, row.target) for row in rows}
-        self.broken: dict[Part, Finding] = {}  # a finding for each part, at first
-        self.places: dict[tuple[str, ...], list[Part]] = defaultdict(list)  # what was read to be broken, by place
-        self.cleared: dict[tuple[str, str], Counter[Part]] = {}
+        self.broken: dict[Component, Finding] = {}  # a finding for each part, at first
+        self.places: dict[tuple[str, ...], list[Component]] = defaultdict(list)  # what was read to be broken, by place
+        self.cleared: dict[tuple[str, str], Counter[Component]] = {}
         self.open: list[tuple[Row, Parts]] = []
         self.ends = [
             replace(end, sign=None) if self._is_disproved(end.sign) else end for end in find_ends(verification)
         ]
-        self.shown: dict[Part, list[SeenEnd]] = defaultdict(list)  # what packets have shown at the place of a part
+        self.shown: dict[Component, list[SeenEnd]] = defaultdict(list)  # what packets have shown at the place of a part
         for row in rows:
             self._read(row)
 
@@ -184,7 +184,7 @@ class _Diagnosis:
                 return (own or same)[0]
         return None
 
-    def _finding(self, part: Part) -> Finding:
+    def _finding(self, part: Component) -> Finding:
         return self.broken.setdefault(part, Finding(part))
 
     def _find_drop(self, row: Row) -> Parts:
@@ -231,7 +231,7 @@ class _Diagnosis:
     def _use_effects(self) -> None:
         """Give what known faults explain to their findings: what was sent ends in the world as it was read, too."""
         effects, rest = Effects(self.verification, self.broken), []
-        merged: dict[Part, Part] = {}  # part -> the part that it follows from
+        merged: dict[Component, Component] = {}  # part -> the part that it follows from
         for part in [part for part in self.broken if part.kind in NODES or part in self.shown]:
             proof = self.broken[part].proof
             causes = {effects.find_cause(row, self.verification.list_suspects(row)) for row in proof}
@@ -276,14 +276,14 @@ class _Diagnosis:
             self.shown[part].append(end)
         return chosen
 
-    def _is_disproved(self, sign: Part | None) -> bool:
+    def _is_disproved(self, sign: Component | None) -> bool:
         """Return True if a setting that was read right is blamed by a counter of the whole machine, which spoofed packets count up, too."""
         return sign is not None and sign.kind == "reverse_path" and self._is_cleared(sign)
 
-    def _is_cleared(self, part: Part) -> bool:
+    def _is_cleared(self, part: Component) -> bool:
         return any(self._count_needs(place, place)[part] for place in part.places)
 
-    def _is_possible(self, part: Part) -> bool:
+    def _is_possible(self, part: Component) -> bool:
         """Return True if a part may be broken by what was read at its own place: a setting that is right, or a filter without a rule."""
         if part in self.broken:
             return True
@@ -293,7 +293,7 @@ class _Diagnosis:
         """Name the planned computers on the way between two."""
         return {one, other, *(place for place, _network in self.verification.ways.list_links(one, other))}
 
-    def _weigh(self, entry: Finding) -> tuple[int, float, bool, int, Part]:
+    def _weigh(self, entry: Finding) -> tuple[int, float, bool, int, Component]:
         """Order findings: the serious ones first; of these what is so now; of these what a value shows; of these what most follows from."""
         return (
             SERIOUS.index(entry.verdict),
@@ -341,7 +341,7 @@ class _Diagnosis:
         case = self.verification.case(self.verification.checks[row.check], row.observer, row.target)
         return needs.loss_parts(case, row.observer, row.target) | needs.loss_parts(case, *case.masters)
 
-    def _doubt(self, part: Part) -> float | None:
+    def _doubt(self, part: Component) -> float | None:
         """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
         if part.fault.read:
             computer = self._computer(part)
@@ -349,7 +349,7 @@ class _Diagnosis:
             return None if is_read else UNREAD
         return NOT_FOUND if (part.kind, part.mode) in RULED and self.verification.state.filters.lets_pass(part) else 0.0
 
-    def _computer(self, part: Part) -> Participant | None:
+    def _computer(self, part: Component) -> Participant | None:
         """The computer of the run that a part is on; None for a part between two."""
         return None if part.other else self.verification.run.get(part.place)
 
@@ -363,7 +363,7 @@ class _Diagnosis:
                 reason = reasons[reason]
             self.broken[reason].rows += self.broken.pop(part).proof
 
-    def _find_reason(self, part: Part) -> Part | None:
+    def _find_reason(self, part: Component) -> Component | None:
         """Find the part that was read, and from which another one of the same place follows."""
         kinds = FOLLOWS.get((part.kind, part.mode), ())
         read = [*self.places[part.places], *self.places[ANY,]]
@@ -373,7 +373,7 @@ class _Diagnosis:
             return first
         return next((one for one in read if (one.kind, one.mode) in kinds and one not in same), None)
 
-    def _list_same_rule(self, part: Part, read: Sequence[Part]) -> Sequence[Part]:
+    def _list_same_rule(self, part: Component, read: Sequence[Component]) -> Sequence[Component]:
         """List the packet filters that one rule has shown: it drops several kinds of packets."""
         rules = self.verification.state.filters.rules
         return [one for one in read if one in self.broken and rules.get(one) == rules[part]] if part in rules else []
@@ -387,7 +387,7 @@ class _Diagnosis:
         pairs = list(dict.fromkeys((row.observer, row.target) for row in rows))[:ASKED]
         return tuple(check for pair in pairs for check in self._find_successes(*pair))
 
-    def successes(self, part: Part) -> int:
+    def successes(self, part: Component) -> int:
         """Count successes that need a part, up to a few: first in the pairs that failed with it, then in others.
 
         Where packets were seen to end, others that got through say nothing.
@@ -402,7 +402,7 @@ class _Diagnosis:
                 break
         return count
 
-    def _count_needs(self, observer: str, target: str) -> Counter[Part]:
+    def _count_needs(self, observer: str, target: str) -> Counter[Component]:
         """Count for each part the successes of a pair that need it."""
         if (observer, target) not in self.cleared:
             found = self.cleared[observer, target] = Counter()
@@ -421,11 +421,11 @@ class _Diagnosis:
                     found[check.id] = case.ways.seal(check.needs(case))
         return found
 
-    def _suspect_pairs(self, part: Part) -> Iterable[tuple[str, str]]:
+    def _suspect_pairs(self, part: Component) -> Iterable[tuple[str, str]]:
         """List pairs that failed, and may have because of a part."""
         return islice(((row.observer, row.target) for row, suspects in self.open if part in suspects), ASKED)
 
-    def _sample_pairs(self, part: Part) -> Iterable[tuple[str, str]]:
+    def _sample_pairs(self, part: Component) -> Iterable[tuple[str, str]]:
         """List other pairs that may need a part: those of the computers at its place, and those of their robot."""
         members = self.verification.fleet.members
         robots = {member.robot for member in members if member.name in part.places}
@@ -440,7 +440,7 @@ class _Diagnosis:
 
 def _merge_parts(broken: Iterable[Finding]) -> Iterable[Finding]:
     """Make one finding of the parts that are one for a person."""
-    groups: dict[Part, list[Finding]] = defaultdict(list)
+    groups: dict[Component, list[Finding]] = defaultdict(list)
     for entry in broken:
         groups[entry.part._replace(what="")].append(entry)
     return map(_merge, groups.values())

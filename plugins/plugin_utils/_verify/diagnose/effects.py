@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..checks.engine import Row, Verification
-from ..components.parts import Part
+from ..components.parts import Component
 from ..context.actual_world import ActualWorld
 from ..context.packet_filters import ROSCORE
 from ..trace.place import Trip
@@ -30,14 +30,14 @@ BY_NAME = (ROSCORE, "nodes")  # connections that begin with the name of a comput
 class Effects:
     """The causes of failures among the faults that are known."""
 
-    def __init__(self, verification: Verification, broken: Iterable[Part]) -> None:
+    def __init__(self, verification: Verification, broken: Iterable[Component]) -> None:
         known = list(broken)
         self.verification = verification
         self.names = [part for part in known if part.kind in ("names", "environment") and part.mode != "own"]
         self.world = ActualWorld(verification.state, known)
-        self.causes: dict[Trip, Part | None] = {}
+        self.causes: dict[Trip, Component | None] = {}
 
-    def find_cause(self, row: Row, suspects: Iterable[Part]) -> Part | None:
+    def find_cause(self, row: Row, suspects: Iterable[Component]) -> Component | None:
         """Find the known fault that ends something that a failed check has sent, or that the nodes send which it needs."""
         for trip in _list_trips(self.verification, row, suspects):
             if trip not in self.causes:
@@ -48,7 +48,7 @@ class Effects:
                 return cause
         return None
 
-    def _find_wrong_name(self, trip: Trip) -> Part | None:
+    def _find_wrong_name(self, trip: Trip) -> Component | None:
         """Find what is wrong with the name or the variable by which the connection of a trip begins."""
         if trip.traffic not in BY_NAME:
             return None
@@ -64,7 +64,7 @@ class Effects:
         )
 
 
-def _list_trips(verification: Verification, row: Row, suspects: Iterable[Part]) -> Iterable[Trip]:
+def _list_trips(verification: Verification, row: Row, suspects: Iterable[Component]) -> Iterable[Trip]:
     """List what a check needs on the network: its own packets, and the calls of the nodes that it suspects."""
     own = find_trip(verification, row)
     if own is not None:

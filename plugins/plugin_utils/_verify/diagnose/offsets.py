@@ -12,10 +12,10 @@ from ..._base.features import load_hooks
 from ..._base.sentences import shorten_list
 from ..checks.engine import Row
 from ..checks.hooks import CheckHooks
-from ..components.parts import Part
+from ..components.parts import Component
 
 
-def offset(part: Part, rows: Iterable[Row]) -> str:
+def offset(part: Component, rows: Iterable[Row]) -> str:
     """Say by how much, such as "2.0 s ahead of dabo-gate and tibi-gate"; empty where nothing was measured."""
     found: dict[str, float] = {}
     for row in rows:

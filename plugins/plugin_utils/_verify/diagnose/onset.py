@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable, Mapping
 from ipaddress import IPv4Network
 
-from ..components.parts import Part
+from ..components.parts import Component
 from ..context.case import FleetState, Participant
 from ..observe.observations import BootDeviation, Probe, ServiceState
 
@@ -37,7 +37,7 @@ MAKERS: Mapping[str, str] = {
 }
 
 
-def describe_onset(part: Part, computer: Participant | None, state: FleetState) -> str:
+def describe_onset(part: Component, computer: Participant | None, state: FleetState) -> str:
     """Say since when; empty where it is not known."""
     if computer is None:
         return ""
@@ -73,7 +73,7 @@ def _link_history(probe: Probe) -> Iterable[str]:
             yield f"the link of {entry.interface} came or went {entry.carrier_changes} times"
 
 
-def _decides(entry: BootDeviation, part: Part, state: FleetState) -> bool:
+def _decides(entry: BootDeviation, part: Component, state: FleetState) -> bool:
     """Return True if a file that differs from the plan is the reason of a fault."""
     if not entry.when:
         return False
@@ -85,7 +85,7 @@ def _decides(entry: BootDeviation, part: Part, state: FleetState) -> bool:
     return part.kind == "route" and part.mode == "missing" and entry.kind == "route" and _leads(entry, part, state)
 
 
-def _leads(entry: BootDeviation, part: Part, state: FleetState) -> bool:
+def _leads(entry: BootDeviation, part: Component, state: FleetState) -> bool:
     """Return True if the route of a file, such as "192.168.11.0/24 by 192.168.1.201", leads to the network of a part; without one to any."""
     try:
         destination = IPv4Network(entry.name.strip('"').partition(" by ")[0].replace("default", "0.0.0.0/0"))
@@ -95,7 +95,7 @@ def _leads(entry: BootDeviation, part: Part, state: FleetState) -> bool:
     return not part.what or any(name == part.what and network.subnet_of(destination) for network, name in names)
 
 
-def _find_subjects(part: Part, computer: Participant, state: FleetState) -> set[str]:
+def _find_subjects(part: Component, computer: Participant, state: FleetState) -> set[str]:
     """Find the changes that concern a part, by their `about`."""
     if part.kind == "names":
         return {"order"} if part.mode == "order" else {"names"} if _is_in_file(part, computer) else set()
@@ -105,7 +105,7 @@ def _find_subjects(part: Part, computer: Participant, state: FleetState) -> set[
     return makers if len(makers) == 1 else tables if not makers else set()
 
 
-def _is_in_file(part: Part, computer: Participant) -> bool:
+def _is_in_file(part: Component, computer: Participant) -> bool:
     """Return True if a line of /etc/hosts gives a name one of its wrong addresses."""
     member = computer.members.get(part.what)
     return member is not None and any(

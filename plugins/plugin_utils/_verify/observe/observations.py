@@ -113,7 +113,7 @@ __all__ = [
     "NodeParameters",
     "Observation",
     "IgnoredSender",
-    "PacketFilter",
+    "FilterState",
     "ParameterDifference",
     "Ping",
     "PolicyRouting",
@@ -148,7 +148,7 @@ make_dataclasses(Probe, Streams, Multicast, FilterChains)
 
 
 @dataclass(frozen=True)
-class PacketFilter:
+class FilterState:
     """The packet filter of the computer, compared with its plan."""
 
     changed: bool = False  # it is not as planned
@@ -167,7 +167,7 @@ class Observation:
     probe: Probe | None = None
     unreachable: bool = False
     problem: str = ""
-    packet_filter: PacketFilter | None = None  # None where no packet filter is planned or left over
+    packet_filter: FilterState | None = None  # None where no packet filter is planned or left over
     found: MachineState | None = None  # None where preflight did not look
     services: tuple[str, ...] | None = None  # the planned services that can run there, by preflight
     streams: Streams | None = None  # None where no throughput was measured

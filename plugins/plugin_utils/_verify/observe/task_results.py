@@ -19,7 +19,7 @@ from ..._base.plain import Mismatch, from_plain
 from ..._base.plain_text import LINE, LONGEST, plain_data, quote
 from ..._plan.model import FleetPlan
 from ..._plan.preflight import MachineState
-from .observations import FilterChains, Multicast, Observation, PacketFilter, Probe, Streams
+from .observations import FilterChains, FilterState, Multicast, Observation, Probe, Streams
 from .outcomes import Outcome
 from .second_look import FollowPlan, SecondLook, SeenPackets, SentProbes
 
@@ -92,7 +92,7 @@ def read_observation(
             probe=read_result(Probe, variables, tasks["probe"], "members", names),
             unreachable=unreachable,
             problem=problem,
-            packet_filter=read_result(PacketFilter, variables, tasks.get("packet_filter", ""), "members", names),
+            packet_filter=read_result(FilterState, variables, tasks.get("packet_filter", ""), "members", names),
             found=read_preflight(variables, tasks.get("plan", ""), names),
             services=read_services(variables, tasks.get("plan", ""), names),
             streams=read_result(Streams, variables, tasks.get("streams", ""), "streams", names),

@@ -22,7 +22,7 @@ from .summary import Summary, is_small, summarise
 
 
 @dataclass(frozen=True)
-class Judgement:
+class FleetJudgement:
     """A judgement, with the rows and matrices that the files of the report need."""
 
     summary: Summary
@@ -47,7 +47,7 @@ class Judgement:
         }
 
 
-def judge(verification: Verification, pages: bool, everything: bool) -> Judgement:
+def judge(verification: Verification, pages: bool, everything: bool) -> FleetJudgement:
     """Judge all rows, and keep none without `pages`. Those of a large fleet that are ok are kept for `everything` alone."""
     began = time.monotonic()
     fleet, computers = verification.fleet, list(verification.run)
@@ -59,10 +59,10 @@ def judge(verification: Verification, pages: bool, everything: bool) -> Judgemen
     summary = summarise(rows, computers, reached, verification.pairs, passed)
     diagnosis = explain_rows(verification, summary.notable)
     kept = (rows if whole else summary.notable) if pages else ()
-    return Judgement(summary, diagnosis, kept, matrices, time.monotonic() - began)
+    return FleetJudgement(summary, diagnosis, kept, matrices, time.monotonic() - began)
 
 
-def judge_run(run: Run, pages: bool, everything: bool) -> Judgement:
+def judge_run(run: Run, pages: bool, everything: bool) -> FleetJudgement:
     """Judge the observations of a run."""
     return judge(make_verification(run), pages, everything)
 
@@ -74,7 +74,7 @@ def make_verification(run: Run) -> Verification:
     return Verification(CHECKS, run.fleet, run.observations, pairs, least, since_last, run.inventory)
 
 
-def make_document(run: Run, judgement: Judgement) -> dict[str, Any]:
+def make_document(run: Run, judgement: FleetJudgement) -> dict[str, Any]:
     """Return the whole content of the report as plain data."""
     return {
         **judgement.as_data(),

@@ -28,7 +28,7 @@ WORST = {FAILED: 0, WARNING: 1, UNKNOWN: 2, OK: 3}
 ITSELF, OTHERS = "itself", "others"
 
 
-class Kind(NamedTuple):
+class MatrixKind(NamedTuple):
     """A matrix: its title, its caption, and the checks whose results it shows."""
 
     id: str
@@ -38,32 +38,32 @@ class Kind(NamedTuple):
 
 
 KINDS = (
-    Kind("names", "Names", "What each name means there.", ("name", "user_name")),
-    Kind(
+    MatrixKind("names", "Names", "What each name means there.", ("name", "user_name")),
+    MatrixKind(
         "pings",
         "Pings and ways",
         "ICMP echo by address, by name and with large packets, with the time of an answer; the way there.",
         ("ping_address", "ping_name", "ping_large", "ping_loss", "route", "neighbour", "answers_arp"),
     ),
-    Kind(
+    MatrixKind(
         "udp",
         "UDP",
         "Datagrams of discovery, by multicast and by unicast, with their number or what was lost.",
         ("udp_multicast", "udp_unicast", "source", "icmp_rounds"),
     ),
-    Kind(
+    MatrixKind(
         "tcp",
         "TCP",
         "Connections: to discovery nodes, and to publishers.",
         ("rpc_port", "direct_connection", "tcp_answer", "master_route"),
     ),
-    Kind(
+    MatrixKind(
         "throughput", "Throughput", "Mbit/s of a short stream, one at a time; the darker, the faster.", ("throughput",)
     ),
-    Kind("clocks", "Clocks", "How far the clocks are apart.", ("clock",)),
-    Kind("masters", "Masters", "Who lists which master.", ("list_masters",)),
-    Kind("topics", "Topics", "A subscriber hears a talker.", ("topic_heard",)),
-    Kind(
+    MatrixKind("clocks", "Clocks", "How far the clocks are apart.", ("clock",)),
+    MatrixKind("masters", "Masters", "Who lists which master.", ("list_masters",)),
+    MatrixKind("topics", "Topics", "A subscriber hears a talker.", ("topic_heard",)),
+    MatrixKind(
         "exchange",
         "Exchange of topics and services",
         "What is registered at the other roscore, compared with what is to be there.",
@@ -102,7 +102,7 @@ class Cell:
 class Matrix:
     """A matrix that has results."""
 
-    kind: Kind
+    kind: MatrixKind
     observers: tuple[str, ...]
     targets: tuple[str, ...]
     cells: Mapping[tuple[str, str], Cell]
@@ -155,15 +155,15 @@ class Matrices:
     def tables(self) -> list[Matrix]:
         """Return the matrices that have results, in the order of KINDS."""
         _shade(self._cells[_STREAM].values() if _STREAM in self._cells else ())
-        known = (*KINDS, Kind(OTHERS, "Other results between two", "", ()))
+        known = (*KINDS, MatrixKind(OTHERS, "Other results between two", "", ()))
         return [self._matrix(kind, self.order) for kind in known if kind.id in self._cells]
 
     def computer_matrix(self) -> Matrix:
         """Return the matrix of the results about one computer each: computers and checks."""
         checks = [title for title in TITLES.values() if any(key[1] == title for key in self._cells[ITSELF])]
-        return self._matrix(Kind(ITSELF, "Computers", "What each one says of itself.", ()), checks)
+        return self._matrix(MatrixKind(ITSELF, "Computers", "What each one says of itself.", ()), checks)
 
-    def _matrix(self, kind: Kind, targets: Sequence[str]) -> Matrix:
+    def _matrix(self, kind: MatrixKind, targets: Sequence[str]) -> Matrix:
         cells = self._cells[kind.id]
         observers = {key[0] for key in cells}
         seen = {key[1] for key in cells}

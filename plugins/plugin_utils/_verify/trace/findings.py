@@ -13,18 +13,18 @@ from itertools import pairwise
 from ..._base import advice
 from ..._faults.fault import Advice, Advices
 from ..checks.engine import Verification
-from ..components.parts import Part
+from ..components.parts import Component
 from ..observe.second_look import SecondLook, SeenPackets
-from .place import Hop, Map, Place, Trip, describe_counters, describe_place, locate
+from .place import LossPlace, Map, SeenHop, Trip, describe_counters, describe_place, locate
 from .suspects import find_sign, is_consistent, name_place
 
 
 @dataclass(frozen=True)
-class Way:
+class DrawnWay:
     """The way of followed packets to their end, as it is drawn."""
 
     computers: tuple[str, ...]  # the planned ones, from the sender of the probe to its target
-    hops: tuple[Hop, ...]
+    hops: tuple[SeenHop, ...]
     at: str  # the computer that saw them last, or reports that they end
     words: str  # what was seen at the end
 
@@ -33,19 +33,19 @@ class Way:
 class SeenEnd:
     """A place where packets were seen to end."""
 
-    place: Place
+    place: LossPlace
     words: str  # what was seen there
-    sign: Part | None  # the one part of the table that this shows
+    sign: Component | None  # the one part of the table that this shows
 
     @property
-    def part(self) -> Part:
+    def part(self) -> Component:
         """The part that the place shows, or the place itself."""
         return self.sign or name_place(self.place, self.words)
 
     @property
-    def way(self) -> Way:
+    def way(self) -> DrawnWay:
         """The way of its packets."""
-        return Way(self.place.route, self.place.hops, self.place.at, self.words)
+        return DrawnWay(self.place.route, self.place.hops, self.place.at, self.words)
 
     @property
     def trip(self) -> Trip:
@@ -66,7 +66,7 @@ class SeenEnd:
         """Return True if a way by these computers leads through the place, and by the part that it shows."""
         return {*self.place.places, *(self.sign.places if self.sign else ())} <= set(computers)
 
-    def choose(self, suspects: Iterable[Part]) -> frozenset[Part]:
+    def choose(self, suspects: Iterable[Component]) -> frozenset[Component]:
         """Return the suspects that the place leaves; the place itself where it leaves none."""
         left = () if self.sign else (part for part in suspects if is_consistent(part, self.place))
         return frozenset(left) or frozenset({self.part})
@@ -119,7 +119,7 @@ def _name_networks(links: Iterable[Sequence[tuple[str, str]]]) -> dict[tuple[str
     return {pair: network for (one, network), (two, _same) in steps for pair in ((one, two), (two, one))}
 
 
-def _describe(place: Place, chart: Map, looks: Mapping[str, SecondLook]) -> SeenEnd:
+def _describe(place: LossPlace, chart: Map, looks: Mapping[str, SecondLook]) -> SeenEnd:
     packets = (looks[place.at].packets if place.at in looks else None) or SeenPackets()
     words = [describe_place(place, chart), describe_counters(packets.counters)]
     return SeenEnd(place, "; ".join(filter(None, words)), find_sign(place, packets))

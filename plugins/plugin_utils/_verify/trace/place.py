@@ -39,7 +39,7 @@ class Trip(NamedTuple):
     target: str
 
 
-class Stage(enum.Enum):
+class TraceStage(enum.Enum):
     """The last step of packets that was seen; the values are for people: what was seen last, and what was not seen."""
 
     SOURCE = "do not leave {at}"
@@ -60,7 +60,7 @@ class Stage(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Hop:
+class SeenHop:
     """A step of packets that was seen: out of a computer and, where the next one saw them too, into that."""
 
     sender: str
@@ -75,11 +75,11 @@ class Hop:
 
 
 @dataclass(frozen=True)
-class Place:
+class LossPlace:
     """The place where the packets of a probe end, or those of its answer."""
 
     probe: FollowedProbe
-    stage: Stage
+    stage: TraceStage
     at: str = ""  # the computer that saw them last; of a report, the one that reports
     next: str = ""  # the computer that was to see them; empty where none is known
     answer: bool = False  # the answer ends there
@@ -90,23 +90,23 @@ class Place:
     first_ttl: int = 0  # with which the sender has sent them; 0 where it was not seen
     route: tuple[str, ...] = ()  # the planned computers, from the sender of the probe to its target
     hops: tuple[
-        Hop, ...
+        SeenHop, ...
     ] = ()  # all that was seen before, those of the answer last; MOST_HOPS at most in each direction
 
     @property
     def is_fault(self) -> bool:
         """True where packets were seen to end."""
-        return self.stage not in (Stage.ARRIVED, Stage.UNSEEN)
+        return self.stage not in (TraceStage.ARRIVED, TraceStage.UNSEEN)
 
     @property
-    def step(self) -> tuple[Stage, tuple[str, ...], bool]:
+    def step(self) -> tuple[TraceStage, tuple[str, ...], bool]:
         """The step that nobody saw: other packets may end there, too."""
         return self.stage, self.places, self.answer
 
     @property
     def places(self) -> tuple[str, ...]:
         """The computers concerned. What ends inside a computer ends there for all the next ones."""
-        return tuple(name for name in (self.at, self.next if self.stage != Stage.HOP else "") if name)
+        return tuple(name for name in (self.at, self.next if self.stage != TraceStage.HOP else "") if name)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class _Walk:
         self.probe, self.sent, self.chart = probe, sent, chart
         connections = {one.sequence for one in seen.get(probe.sender, ()) if self._begins(one)}
         self.own = {host: [one for one in packets if self._is_own(one, connections)] for host, packets in seen.items()}
-        self.hops: list[Hop] = []  # of all walks, in their order
+        self.hops: list[SeenHop] = []  # of all walks, in their order
         self.steps: list[tuple[str, CapturedPacket]] = []  # the packet that left, and from where, of each of these
         self.changers: set[str] = set()  # computers that change ports, as a NAT may do
         self.asks = {host: [one for one in packets if one.protocol == ARP] for host, packets in seen.items()}
@@ -155,7 +155,7 @@ class _Walk:
             return self._is_from_port(one)
         return one.number == self.probe.number
 
-    def find_place(self, route: Sequence[str]) -> Place:
+    def find_place(self, route: Sequence[str]) -> LossPlace:
         """Find the place. `route` names the planned computers on the way, from the sender to the target."""
         there = self._walk(REQUEST, route)
         first = self._list(self.probe.sender, REQUEST, outgoing=True)
@@ -166,13 +166,13 @@ class _Walk:
             return there
         place = self._find_answer(there, route)
         # What was answered did arrive, also where nobody saw it: a NAT may change the identifiers of pings.
-        if self._is_answered() and there.stage != Stage.STRANGER:
-            return replace(place, stage=Stage.ARRIVED)
-        if report and not (place.answer and place.stage in (Stage.ARRIVED, Stage.WITHHELD)):
+        if self._is_answered() and there.stage != TraceStage.STRANGER:
+            return replace(place, stage=TraceStage.ARRIVED)
+        if report and not (place.answer and place.stage in (TraceStage.ARRIVED, TraceStage.WITHHELD)):
             at = self.chart.name_at(report.reporter) or report.reporter
-            return replace(there, stage=Stage.REPORTED, at=at, next="", last=report)
-        if reports and not report and (place.stage, self.probe.protocol) == (Stage.HOP, "icmp"):
-            return replace(place, stage=Stage.UNSEEN)  # a NAT there may have given them another identifier
+            return replace(there, stage=TraceStage.REPORTED, at=at, next="", last=report)
+        if reports and not report and (place.stage, self.probe.protocol) == (TraceStage.HOP, "icmp"):
+            return replace(place, stage=TraceStage.UNSEEN)  # a NAT there may have given them another identifier
         return self._find_change(place)
 
     def _list_reports(self) -> list[CapturedPacket]:
@@ -198,20 +198,20 @@ class _Walk:
         """Return True if the program that has sent them got an answer, whoever sent it."""
         return self.sent is not None and Outcome.ANSWERED in (self.sent.outcome, self.sent.data)
 
-    def _find_change(self, place: Place) -> Place:
+    def _find_change(self, place: LossPlace) -> LossPlace:
         """Return the place where an address was changed, if packets end by that: at a computer that others have made their target, or
         with an answer of another address than was asked; nowhere if nobody saw it change. What else ends is left as it is.
         """
         last = place.last
         changes: list[tuple[str, CapturedPacket]] | None = None
-        if last and not last.outgoing and place.stage == Stage.HOP and not place.answer:
+        if last and not last.outgoing and place.stage == TraceStage.HOP and not place.answer:
             changes = self._list_target_changes(last, place.at)
-        elif last and not last.outgoing and place.stage == Stage.WITHHELD:
+        elif last and not last.outgoing and place.stage == TraceStage.WITHHELD:
             changes = self._list_source_changes(last)
         if changes is None:
             return place
         at, left = changes[0] if changes else ("", None)
-        return replace(place, stage=Stage.CHANGED if left else Stage.UNSEEN, at=at, next="", last=left)
+        return replace(place, stage=TraceStage.CHANGED if left else TraceStage.UNSEEN, at=at, next="", last=left)
 
     def _list_target_changes(self, last: CapturedPacket, at: str) -> list[tuple[str, CapturedPacket]] | None:
         """List what left for another address than was asked; None where the last packet did not come in for one of its computer."""
@@ -228,38 +228,38 @@ class _Walk:
         own = {asked, *(one.destination for one in self._list(self.probe.target, REQUEST, outgoing=False))}
         return [step for step in self.steps if step[1].kind == ANSWER and step[1].source not in own]
 
-    def _find_answer(self, there: Place, route: Sequence[str]) -> Place:
+    def _find_answer(self, there: LossPlace, route: Sequence[str]) -> LossPlace:
         """Find the place of the answer to what has arrived. A datagram gets no answer."""
-        if there.stage != Stage.ARRIVED or self.probe.protocol == "udp":
+        if there.stage != TraceStage.ARRIVED or self.probe.protocol == "udp":
             return there
         if not self._list(self.probe.target, ANSWER, outgoing=True):
-            return replace(there, stage=self._unless_blind(self.probe.target, Stage.TARGET), at=self.probe.target)
+            return replace(there, stage=self._unless_blind(self.probe.target, TraceStage.TARGET), at=self.probe.target)
         back = replace(self._walk(ANSWER, route[::-1]), answer=True, first_ttl=there.first_ttl)
-        if back.stage == Stage.ARRIVED and self.sent and self.sent.outcome == Outcome.NO_ANSWER:
-            return replace(back, stage=Stage.WITHHELD)
-        if back.stage == Stage.ARRIVED and self.sent and self.sent.data in (Outcome.NO_ANSWER, Outcome.RESET):
+        if back.stage == TraceStage.ARRIVED and self.sent and self.sent.outcome == Outcome.NO_ANSWER:
+            return replace(back, stage=TraceStage.WITHHELD)
+        if back.stage == TraceStage.ARRIVED and self.sent and self.sent.data in (Outcome.NO_ANSWER, Outcome.RESET):
             if self.sent.unconfirmed:
-                return replace(back, stage=Stage.CUT, at=self.probe.sender, next=self.probe.target, answer=False)
-            return replace(back, stage=Stage.MUTE, at=self.probe.target)
+                return replace(back, stage=TraceStage.CUT, at=self.probe.sender, next=self.probe.target, answer=False)
+            return replace(back, stage=TraceStage.MUTE, at=self.probe.target)
         return back
 
-    def _unless_blind(self, at: str, stage: Stage) -> Stage:
+    def _unless_blind(self, at: str, stage: TraceStage) -> TraceStage:
         """A computer that did not listen, or has missed packets, shows nothing by what it did not see."""
-        return stage if at in self.chart.listening else Stage.UNSEEN
+        return stage if at in self.chart.listening else TraceStage.UNSEEN
 
-    def _start(self) -> Stage:
+    def _start(self) -> TraceStage:
         """The stage of packets that nobody saw leave their sender. An errno of its kernel is evidence without a listener."""
         if self.sent and list_own_parts(self.sent.outcome, self.probe.sender, self.probe.traffic):
-            return Stage.SOURCE
+            return TraceStage.SOURCE
         if self.sent is None or self.sent.outcome in (Outcome.NOT_TRIED, Outcome.FAILED):  # it has sent none, maybe
-            return Stage.UNSEEN
-        return self._unless_blind(self.probe.sender, Stage.SOURCE)
+            return TraceStage.UNSEEN
+        return self._unless_blind(self.probe.sender, TraceStage.SOURCE)
 
     def _list(self, host: str, kind: str, outgoing: bool) -> list[CapturedPacket]:
         """List the packets of a kind at a computer."""
         return [one for one in self.own.get(host, ()) if one.kind == kind and one.outgoing == outgoing]
 
-    def _walk(self, kind: str, route: Sequence[str]) -> Place:
+    def _walk(self, kind: str, route: Sequence[str]) -> LossPlace:
         """Walk from the first computer of the route to the last one."""
         at = route[0]
         came: list[CapturedPacket] = []
@@ -267,7 +267,9 @@ class _Walk:
         following = dict(pairwise(route))
         for _hop in range(MOST_HOPS):
             last = came[-1] if came else None
-            place = Place(self.probe, Stage.HOP, at, following.get(at, ""), last=last, times=len(came), sent=self.sent)
+            place = LossPlace(
+                self.probe, TraceStage.HOP, at, following.get(at, ""), last=last, times=len(came), sent=self.sent
+            )
             left = self._list_left(at, kind)
             if not left:
                 return self._end_inside(place, route)
@@ -283,35 +285,35 @@ class _Walk:
                 return end_of_step
             passed.add(to)
             at = to
-        return replace(place, stage=Stage.UNSEEN)
+        return replace(place, stage=TraceStage.UNSEEN)
 
     def _end_step(
-        self, place: Place, to: str, came: Sequence[CapturedPacket], route: Sequence[str], passed: Container[str]
-    ) -> Place | None:
+        self, place: LossPlace, to: str, came: Sequence[CapturedPacket], route: Sequence[str], passed: Container[str]
+    ) -> LossPlace | None:
         """Return the place of packets that ended by a step to a computer, or came to their end. None: they go on."""
         if not to:
-            return replace(place, stage=Stage.STRANGER)
+            return replace(place, stage=TraceStage.STRANGER)
         if to == place.at and not (came and to == route[0]):  # nothing comes in where they begin, unless it came back
-            return replace(place, stage=Stage.SELF, next="")
+            return replace(place, stage=TraceStage.SELF, next="")
         if not came:
-            lost = Stage.WIRE if to in self.chart.listening else Stage.UNSEEN
+            lost = TraceStage.WIRE if to in self.chart.listening else TraceStage.UNSEEN
             return replace(place, stage=lost, next=to)
         if to == route[-1]:
-            return replace(place, stage=Stage.ARRIVED, at=to, next="", last=came[-1], times=len(came))
+            return replace(place, stage=TraceStage.ARRIVED, at=to, next="", last=came[-1], times=len(came))
         if to not in passed:
             return None
         if to != place.at and not self._came_back(to, route[0], came[0].kind):
-            return replace(place, stage=Stage.UNSEEN)
-        return replace(place, stage=Stage.CIRCLE, at=to, next="", last=came[-1], times=len(came))
+            return replace(place, stage=TraceStage.UNSEEN)
+        return replace(place, stage=TraceStage.CIRCLE, at=to, next="", last=came[-1], times=len(came))
 
-    def _end_inside(self, place: Place, route: Sequence[str]) -> Place:
+    def _end_inside(self, place: LossPlace, route: Sequence[str]) -> LossPlace:
         """Return the place of packets that do not leave the computer where they are."""
         asked = self._find_question(place.at, route)
         if asked:
-            stage, to = self._unless_blind(place.at, Stage.ASKED), self.chart.name_at(asked) or place.next
+            stage, to = self._unless_blind(place.at, TraceStage.ASKED), self.chart.name_at(asked) or place.next
             return replace(place, stage=stage, asked=asked, next=to)
         # The first one of an answer is there, or it was not walked.
-        return replace(place, stage=self._unless_blind(place.at, Stage.HOP) if place.last else self._start())
+        return replace(place, stage=self._unless_blind(place.at, TraceStage.HOP) if place.last else self._start())
 
     def _list_came(self, host: str, kind: str) -> list[CapturedPacket]:
         """List the packets that came in at a computer, once each: an interface above another one shows each of them last."""
@@ -327,8 +329,8 @@ class _Walk:
         """Return True if packets came in once more where they have passed: at the first computer, or with less of their life."""
         return to == first or len({one.ttl for one in self._list(to, kind, outgoing=False)}) > 1
 
-    def _make_hop(self, at: str, to: str, left: CapturedPacket, came: Sequence[CapturedPacket]) -> Hop:
-        return Hop(
+    def _make_hop(self, at: str, to: str, left: CapturedPacket, came: Sequence[CapturedPacket]) -> SeenHop:
+        return SeenHop(
             sender=at,
             receiver=to,
             network=self.chart.networks.get((at, to), ""),
@@ -380,10 +382,10 @@ class _Walk:
         return next((address for address, interface in due if (address, interface) not in answered), "")
 
 
-def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[Place]:
+def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[LossPlace]:
     """Find the place of each probe. `routes` has the planned computers on the way of each."""
     seen = {host: look.packets.seen for host, look in looks.items() if look.packets}
-    found: list[Place] = []
+    found: list[LossPlace] = []
     changers: set[str] = set()
     for look in looks.values():
         sent = {one.number: one for one in look.sent}
@@ -391,12 +393,12 @@ def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Seq
             walk, route = _Walk(probe, sent.get(probe.number), chart, seen), routes[probe.number]
             found.append(replace(walk.find_place(route), route=tuple(route), hops=tuple(walk.hops)))
             changers |= walk.changers
-    return [replace(one, stage=Stage.UNSEEN) if _is_hidden(one, changers) else one for one in found]
+    return [replace(one, stage=TraceStage.UNSEEN) if _is_hidden(one, changers) else one for one in found]
 
 
-def _is_hidden(place: Place, changers: Container[str]) -> bool:
+def _is_hidden(place: LossPlace, changers: Container[str]) -> bool:
     """Return True if pings may have left a computer unseen: one that changes the ports of others may change the identifiers of pings."""
-    return (place.stage, place.probe.protocol) == (Stage.HOP, "icmp") and place.at in changers
+    return (place.stage, place.probe.protocol) == (TraceStage.HOP, "icmp") and place.at in changers
 
 
 # Words
@@ -412,9 +414,9 @@ def describe_probe(probe: FollowedProbe) -> str:
     return f"{PROBES[probe.protocol].format(port=probe.port)}{size} from {probe.sender} to {probe.target}"
 
 
-def describe_place(place: Place, chart: Map) -> str:
+def describe_place(place: LossPlace, chart: Map) -> str:
     """Say what was seen last, and what was not seen, of a place that is a fault."""
-    last, answers = place.last, "the answers to " if place.answer and place.stage != Stage.MUTE else ""
+    last, answers = place.last, "the answers to " if place.answer and place.stage != TraceStage.MUTE else ""
     own = sorted(mac for mac, names in chart.hosts.items() if place.next in names)
     words = {
         "at": place.at,

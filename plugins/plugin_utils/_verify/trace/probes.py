@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 
 from ..checks.engine import FAILED, WARNING, Row, Verification
-from ..components.parts import Part
+from ..components.parts import Component
 from ..context.packet_filters import GROUP, ROSCORE, TRAFFIC
 from ..observe.second_look import FollowedProbe
 from .place import LARGE, Trip
@@ -41,9 +41,9 @@ def list_trips(verification: Verification, row: Row) -> list[Trip]:
     own, master = find_trip(verification, row), verification.ways.master_of(row.observer)
     suspects = verification.list_suspects(row)
     found = [own] if own else []
-    if Part("roscore", master, "hung") in suspects:
+    if Component("roscore", master, "hung") in suspects:
         found.append(Trip(ROSCORE, row.observer, master))
-    if Part("discovery", row.target, "hung") in suspects:
+    if Component("discovery", row.target, "hung") in suspects:
         found.append(Trip("rpc", row.observer, row.target))
     return [trip for trip in dict.fromkeys(found) if trip.sender != trip.target and _can_follow(verification, trip)]
 

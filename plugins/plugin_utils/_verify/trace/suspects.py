@@ -14,23 +14,23 @@ import re
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from ..components.parts import Part
+from ..components.parts import Component
 from ..context.errors import PROGRAMS, list_own_parts
 from ..observe.second_look import SeenPackets
-from .place import LARGE, Place, Stage
+from .place import LARGE, LossPlace, TraceStage
 
 # Where a part is: at the place, at the next computer, or a network between them
 AT, NEXT, BETWEEN = "at", "next", "between"
 # stage -> (where a part is, its kind, the modes that it may have; empty for all of them)
-CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
-    Stage.SOURCE: (
+CONSISTENT: Mapping[TraceStage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
+    TraceStage.SOURCE: (
         (AT, "filter", ("out", "changed", "pair")),
         (AT, "route", ()),
         (AT, "link", ("down",)),
         (AT, "interface", ("address", "port", "multicast")),
         (AT, "computer", ("ports", "limit")),
     ),
-    Stage.ASKED: (
+    TraceStage.ASKED: (
         (AT, "link", ("down",)),
         (AT, "interface", ("prefix", "port")),
         (NEXT, "link", ("down",)),
@@ -40,7 +40,7 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (NEXT, "neighbour", ("mute", "filter")),
         (BETWEEN, "network", ("dead",)),
     ),
-    Stage.WIRE: (
+    TraceStage.WIRE: (
         (AT, "link", ()),
         (AT, "interface", ("mtu",)),
         (AT, "neighbour", ("fixed",)),
@@ -49,16 +49,16 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (NEXT, "computer", ("off",)),
         (BETWEEN, "network", ()),
     ),
-    Stage.STRANGER: ((AT, "neighbour", ("fixed",)), (NEXT, "interface", ("duplicate",))),
-    Stage.SELF: ((AT, "link", ()), (AT, "neighbour", ("fixed",))),
-    Stage.HOP: (
+    TraceStage.STRANGER: ((AT, "neighbour", ("fixed",)), (NEXT, "interface", ("duplicate",))),
+    TraceStage.SELF: ((AT, "link", ()), (AT, "neighbour", ("fixed",))),
+    TraceStage.HOP: (
         (AT, "forwarding", ()),
         (AT, "filter", ("forward", "changed", "pair")),
         (AT, "reverse_path", ()),
         (AT, "route", ()),
         (AT, "service", ()),
     ),
-    Stage.TARGET: (
+    TraceStage.TARGET: (
         (AT, "filter", ("in", "out", "", "changed", "pair")),
         (AT, "reverse_path", ()),
         (AT, "route", ()),
@@ -66,10 +66,10 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
         (AT, "interface", ("port",)),
     ),
     # The listener sees a packet before the packet filter of its computer.
-    Stage.WITHHELD: ((AT, "filter", ("in", "", "changed", "pair")), (AT, "reverse_path", ())),
-    Stage.CIRCLE: ((AT, "route", ()),),
-    Stage.MUTE: ((AT, "roscore", ("hung",)), (AT, "discovery", ("hung",))),
-    Stage.REPORTED: (
+    TraceStage.WITHHELD: ((AT, "filter", ("in", "", "changed", "pair")), (AT, "reverse_path", ())),
+    TraceStage.CIRCLE: ((AT, "route", ()),),
+    TraceStage.MUTE: ((AT, "roscore", ("hung",)), (AT, "discovery", ("hung",))),
+    TraceStage.REPORTED: (
         (AT, "filter", ("forward", "in", "", "pair")),
         (AT, "route", ()),
         (AT, "link", ("down",)),
@@ -78,26 +78,26 @@ CONSISTENT: Mapping[Stage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
     ),
 }
 
-BETWEEN_TWO = (Stage.WIRE, Stage.ASKED, Stage.CUT, Stage.MUTE, Stage.STRANGER)
+BETWEEN_TWO = (TraceStage.WIRE, TraceStage.ASKED, TraceStage.CUT, TraceStage.MUTE, TraceStage.STRANGER)
 RULE = "rule of "  # begins the name of a rule among the counters
 OWN_CHAIN = re.compile(r"rule of \S+ [^ :]*(?:input|output)[^ :]*:", re.IGNORECASE)
 EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
 SHORT = 32  # a packet that begins with less has a time to live that somebody has set
 
 
-def is_consistent(part: Part, place: Place) -> bool:
+def is_consistent(part: Component, place: LossPlace) -> bool:
     """Return True if a part may be the reason why packets end at a place."""
     rows = CONSISTENT.get(place.stage, ())
     return any(_is_there(part, where, place) and _fits(part, kind, modes) for where, kind, modes in rows)
 
 
-def _is_there(part: Part, where: str, place: Place) -> bool:
+def _is_there(part: Component, where: str, place: LossPlace) -> bool:
     if where == BETWEEN:
         return part.kind == "network"
     return (place.at if where == AT else place.next) in part.places
 
 
-def _fits(part: Part, kind: str, modes: tuple[str, ...]) -> bool:
+def _fits(part: Component, kind: str, modes: tuple[str, ...]) -> bool:
     """The last word of a filter's mode is its direction; without one it drops both."""
     if part.kind != kind or not modes:
         return part.kind == kind
@@ -107,12 +107,12 @@ def _fits(part: Part, kind: str, modes: tuple[str, ...]) -> bool:
     return direction in modes or not direction
 
 
-def name_place(place: Place, words: str) -> Part:
+def name_place(place: LossPlace, words: str) -> Component:
     """Make the part that is the place itself, with what was seen there in words."""
-    other = place.probe.sender if place.stage == Stage.MUTE else place.next
+    other = place.probe.sender if place.stage == TraceStage.MUTE else place.next
     if place.stage in BETWEEN_TWO and other:  # one of the two alone says what others do not see
-        return Part.from_pair("way", "between", place.at, other, what=words)
-    return Part("way", place.at, "ends", words)
+        return Component.from_pair("way", "between", place.at, other, what=words)
+    return Component("way", place.at, "ends", words)
 
 
 # What an errno, an ICMP error or a counter says beside the place
@@ -121,92 +121,92 @@ def name_place(place: Place, words: str) -> Part:
 class Sign(NamedTuple):
     """A sign that makes a place one part of the table of faults."""
 
-    stages: tuple[Stage, ...]
-    is_shown: Callable[[Place, SeenPackets], bool]
-    make: Callable[[Place], Part]
+    stages: tuple[TraceStage, ...]
+    is_shown: Callable[[LossPlace, SeenPackets], bool]
+    make: Callable[[LossPlace], Component]
 
 
-def _list_own_parts(place: Place) -> list[Part]:
+def _list_own_parts(place: LossPlace) -> list[Component]:
     return list_own_parts(place.sent.outcome, place.at, _name_traffic(place)) if place.sent else []
 
 
-def _has_own_error(place: Place, _packets: SeenPackets) -> bool:
+def _has_own_error(place: LossPlace, _packets: SeenPackets) -> bool:
     """Return True if the sender's own kernel has refused to send, by a part that is the only one, or that nobody reads."""
     parts = _list_own_parts(place)
     return len(parts) == 1 or any(not part.fault.read for part in parts)
 
 
-def _began_short(place: Place, _packets: SeenPackets) -> bool:
+def _began_short(place: LossPlace, _packets: SeenPackets) -> bool:
     """Return True if a router reports that a packet lived too long which began with a short life."""
     exceeded = place.last is not None and place.last.icmp_type == EXCEEDED
     return exceeded and 0 < place.first_ttl < SHORT
 
 
-def _ends_life(place: Place, _packets: SeenPackets) -> bool:
+def _ends_life(place: LossPlace, _packets: SeenPackets) -> bool:
     """Return True if a packet came in with the last second of its life."""
     return place.last is not None and not place.last.outgoing and place.last.ttl == 1
 
 
-def _list_counted(place: Place, packets: SeenPackets) -> list[str]:
+def _list_counted(place: LossPlace, packets: SeenPackets) -> list[str]:
     """List the counters that have grown by all packets of the probe; one that has counted some counts those of others."""
     return [one.counter for one in packets.counters if one.more >= max(1, place.times)]
 
 
-def _counts_reverse_path(place: Place, packets: SeenPackets) -> bool:
+def _counts_reverse_path(place: LossPlace, packets: SeenPackets) -> bool:
     return "TcpExtIPReversePathFilter" in _list_counted(place, packets)
 
 
-def _counts_rule(place: Place, packets: SeenPackets) -> bool:
+def _counts_rule(place: LossPlace, packets: SeenPackets) -> bool:
     """Return True if a rule that drops or rejects has counted them all. At their target it must name them: broadcasts are dropped there, too."""
     named = re.compile(rf"\b{place.probe.port or place.probe.protocol}\b")
     counted = [counter for counter in _list_counted(place, packets) if RULE in counter]
-    if place.stage == Stage.HOP:  # chains for the gateway's own packets do not see those that it passes on
+    if place.stage == TraceStage.HOP:  # chains for the gateway's own packets do not see those that it passes on
         return any(not OWN_CHAIN.search(rule) for rule in counted)
     return any(map(named.search, counted))
 
 
-def _counts_full_queue(place: Place, packets: SeenPackets) -> bool:
+def _counts_full_queue(place: LossPlace, packets: SeenPackets) -> bool:
     """Return True if a program takes no connections any more, so its queue is full (listen(2)). ListenDrops also counts answers without a way."""
     return bool(_name_program(place)) and "TcpExtListenOverflows" in _list_counted(place, packets)
 
 
-def _name_program(place: Place) -> str:
+def _name_program(place: LossPlace) -> str:
     return PROGRAMS.get(place.probe.traffic, "")
 
 
-def _is_fixed(place: Place, packets: SeenPackets) -> bool:
+def _is_fixed(place: LossPlace, packets: SeenPackets) -> bool:
     return place.last is not None and place.last.target_mac in packets.fixed
 
 
-def _make_lifetime(place: Place) -> Part:
-    return Part("setting", place.probe.target if place.answer else place.probe.sender, "ttl")
+def _make_lifetime(place: LossPlace) -> Component:
+    return Component("setting", place.probe.target if place.answer else place.probe.sender, "ttl")
 
 
-def _name_traffic(place: Place) -> str:
+def _name_traffic(place: LossPlace) -> str:
     return "icmp" if place.probe.traffic == LARGE else place.probe.traffic
 
 
 SIGNS = (
-    Sign((Stage.SOURCE,), _has_own_error, lambda place: _list_own_parts(place)[0]),
+    Sign((TraceStage.SOURCE,), _has_own_error, lambda place: _list_own_parts(place)[0]),
     Sign(
-        (Stage.STRANGER, Stage.WIRE),
+        (TraceStage.STRANGER, TraceStage.WIRE),
         _is_fixed,
-        lambda place: Part("neighbour", place.at, "fixed", place.next or "a computer"),
+        lambda place: Component("neighbour", place.at, "fixed", place.next or "a computer"),
     ),
-    Sign((Stage.REPORTED,), _began_short, _make_lifetime),
-    Sign((Stage.HOP,), _ends_life, _make_lifetime),
+    Sign((TraceStage.REPORTED,), _began_short, _make_lifetime),
+    Sign((TraceStage.HOP,), _ends_life, _make_lifetime),
     Sign(
-        (Stage.HOP, Stage.TARGET, Stage.WITHHELD),
+        (TraceStage.HOP, TraceStage.TARGET, TraceStage.WITHHELD),
         _counts_reverse_path,
-        lambda place: Part("reverse_path", place.at, "strict"),
+        lambda place: Component("reverse_path", place.at, "strict"),
     ),
-    Sign((Stage.HOP,), _counts_rule, lambda place: Part("filter", place.at, "forward")),
-    Sign((Stage.TARGET,), _counts_rule, lambda place: Part("filter", place.at, f"{_name_traffic(place)} in")),
-    Sign((Stage.TARGET,), _counts_full_queue, lambda place: Part(_name_program(place), place.at, "hung")),
+    Sign((TraceStage.HOP,), _counts_rule, lambda place: Component("filter", place.at, "forward")),
+    Sign((TraceStage.TARGET,), _counts_rule, lambda place: Component("filter", place.at, f"{_name_traffic(place)} in")),
+    Sign((TraceStage.TARGET,), _counts_full_queue, lambda place: Component(_name_program(place), place.at, "hung")),
 )
 
 
-def find_sign(place: Place, packets: SeenPackets) -> Part | None:
+def find_sign(place: LossPlace, packets: SeenPackets) -> Component | None:
     """Return the one part of the table that is shown by a place, and by what its computer tells; None where several are left."""
     return next(
         (sign.make(place) for sign in SIGNS if place.stage in sign.stages and sign.is_shown(place, packets)), None

@@ -31,7 +31,7 @@ GROUP, MASTER = "group", "master"
 RANKS = {kind: rank for rank, (_watched, kind) in enumerate(LOSSES)}  # nearest to the reason first
 
 
-class Unreadable(ValueError):
+class UnreadableDuration(ValueError):
     """A text that is not a duration. The message says what was expected."""
 
 
@@ -68,14 +68,16 @@ class WatchAnswer:
 
 
 def plan_rounds(duration: str) -> list[int]:
-    """Read a duration such as 90, 90s, 15m, 2h or 1d, and split it into rounds. Raises Unreadable.
+    """Read a duration such as 90, 90s, 15m, 2h or 1d, and split it into rounds. Raises UnreadableDuration.
 
     Return the ends of the rounds in seconds after the start; the last one is the duration. Progress is shown at each end.
     """
     match = re.fullmatch(r"\s*(\d{1,6})\s*([smhd]?)\s*", str(duration))
     seconds = int(match[1]) * UNITS[match[2]] if match else 0
     if not LEAST <= seconds <= MOST:
-        raise Unreadable(f"verify_watch is {duration!r}, expected a time from 10s to 7d, such as 90s, 15m or 2h.")
+        raise UnreadableDuration(
+            f"verify_watch is {duration!r}, expected a time from 10s to 7d, such as 90s, 15m or 2h."
+        )
     length = min(max(SHORTEST, ceil(seconds / ROUNDS)), LONGEST)
     return [min(end, seconds) for end in range(length, seconds + length, length)]
 

@@ -48,7 +48,7 @@ class Roscore:
     def __init__(self):
         self.registry, self.handed, self.left = Registry(), [], []
         heard = module.Callbacks(self.keep, lambda *of: self.left.append(of), ignore)
-        self.master = module.Master((imports.IMPORTS, "/watched"), heard, Refusals(ignore))
+        self.master = module.MasterMethods((imports.IMPORTS, "/watched"), heard, Refusals(ignore))
         self.told = self.master._notifier = Told()
         self.master.thread_pool._notifier = self.told
 
@@ -547,7 +547,7 @@ def test_one_multicall_does_not_end_the_node_of_another_robot(roscore, monkeypat
 
 
 def may_end(roscore, uri, method, name):
-    return roscore.master._may_tell(module.Call(uri, method, (name,), (method, name)))
+    return roscore.master._may_tell(module.NodeCall(uri, method, (name,), (method, name)))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@
 from rosfleet_multimaster.discovery.core.report import roscore
 from rosfleet_multimaster.protocol.messages import OK
 from rosfleet_multimaster.protocol.mirror import REFUSED, Mirror
-from rosfleet_multimaster.roscore.core.bounds import Refusal
+from rosfleet_multimaster.roscore.core.bounds import BoundRefusal
 from rosfleet_multimaster.roscore.core.registry import to_feed
 from rosfleet_multimaster.roscore.refusals import Refusals
 
@@ -18,9 +18,9 @@ def test_the_counts_are_told_and_shown(caplog):
     refusals.tick(1.0)
     assert told == [] and refusals.records() == []
     for bound in ("depth", "depth", ""):
-        refusals.add(Refusal("too much\nof it", bound))
+        refusals.add(BoundRefusal("too much\nof it", bound))
     refusals.tick(1.0)
-    refusals.add(Refusal("too much", "depth"))
+    refusals.add(BoundRefusal("too much", "depth"))
     refusals.tick(2.0)
     assert told == [[rec("parameter", REFUSED, {"depth": 2, "value": 1})]]
     refusals.tick(3.1)

@@ -19,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SentProbe,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Stage
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import TraceStage
 from mentioned import mentions
 from processes import with_paths
 
@@ -250,9 +250,9 @@ def make_bridge(host, number):
 @pytest.mark.parametrize(
     ("number", "hook", "said", "words"),
     [
-        (0, "", Stage.ARRIVED, ""),
-        (0, "output", Stage.SOURCE, "do not leave robot1computer"),
-        (1, "input", Stage.TARGET, "came in at robot2computer on eth0, which sent no answer"),
+        (0, "", TraceStage.ARRIVED, ""),
+        (0, "output", TraceStage.SOURCE, "do not leave robot1computer"),
+        (1, "input", TraceStage.TARGET, "came in at robot2computer on eth0, which sent no answer"),
     ],
     ids=["well", "near", "far"],
 )
@@ -280,7 +280,7 @@ def test_what_comes_for_another_vlan_has_not_come_in(three):
 
 @pytest.mark.parametrize(
     ("number", "said", "words"),
-    [(10, Stage.ARRIVED, ""), (20, Stage.WIRE, "left robot1computer on eth0.10 for robot2computer {}, and did not come in there")],
+    [(10, TraceStage.ARRIVED, ""), (20, TraceStage.WIRE, "left robot1computer on eth0.10 for robot2computer {}, and did not come in there")],
     ids=["well", "wrong"],
 )  # fmt: skip
 def test_a_vlan_with_a_wrong_number_is_named(three, number, said, words):
@@ -306,7 +306,7 @@ def test_a_nat_that_changes_identifiers_is_not_blamed(four, drops):
     if drops:
         other.run("nft", DROPS.format("input", ""))
     said = judge(four, [one, router, other], "10.0.2.1", ["icmp", "tcp"])
-    expected = [Stage.UNSEEN, Stage.TARGET] if drops else [Stage.ARRIVED, Stage.ARRIVED]
+    expected = [TraceStage.UNSEEN, TraceStage.TARGET] if drops else [TraceStage.ARRIVED, TraceStage.ARRIVED]
     assert [stage for stage, _at, _words in said] == expected
     assert said[1][1] == (other.name if drops else one.name)
 
@@ -319,7 +319,7 @@ def test_an_answer_of_another_address_ends_where_it_changed(four):
         "table ip odd { chain c { type filter hook forward priority 0; ip saddr 10.0.2.1 ip saddr set 10.0.1.77; }; }",
     )
     (_ping, (stage, at, words)) = judge(four, [one, router, other], "10.0.2.1", ["icmp", "tcp"])
-    assert (stage, at) == (Stage.CHANGED, router.name)
+    assert (stage, at) == (TraceStage.CHANGED, router.name)
     assert mentions(words, "robot3computer", "eth0", "10.0.1.77", "10.0.2.1")
 
 
@@ -329,14 +329,14 @@ def test_a_computer_that_others_made_the_target_is_not_blamed(four):
     router.run("nft", NAT.format("prerouting priority -100", "ip daddr 10.0.2.1 dnat to 10.0.1.253"))
     beside.run("nft", DROPS.format("input", ""))
     for stage, at, words in judge(four, [one, router, other], "10.0.2.1", ["icmp", "tcp"]):
-        assert (stage, at) == (Stage.CHANGED, router.name)
+        assert (stage, at) == (TraceStage.CHANGED, router.name)
         assert mentions(words, "robot3computer", "eth0", "10.0.1.253", "10.0.2.1")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("drops", "said", "name"),
-    [((), Stage.ARRIVED, 0), ((1, "input"), Stage.TARGET, 1), ((2, "forward"), Stage.STRANGER, 0)],
+    [((), TraceStage.ARRIVED, 0), ((1, "input"), TraceStage.TARGET, 1), ((2, "forward"), TraceStage.STRANGER, 0)],
     ids=["well", "far", "middle"],
 )
 def test_a_router_that_nobody_planned_may_pass_packets_on(four, drops, said, name):

@@ -11,7 +11,7 @@ import xmlrpc.client
 import pytest
 from rosfleet_multimaster.protocol import xml_rpc
 from rosfleet_multimaster.roscore.core import bounds
-from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Refusal, Usage, weigh, weigh_parameter
+from rosfleet_multimaster.roscore.core.bounds import BOUNDS, BoundRefusal, Usage, weigh, weigh_parameter
 from rosfleet_multimaster.roscore.core.registry import Registry
 
 from tests.unit.nodes.roscore.records import rec
@@ -102,7 +102,7 @@ def test_the_sum_of_the_registrations_is_right():
     ],
 )
 def test_what_is_beyond_is_refused_with_a_sentence(name, value, bound):
-    with pytest.raises(Refusal) as refusal:
+    with pytest.raises(BoundRefusal) as refusal:
         Usage().growth({}, name, value)
     assert refusal.value.bound == bound and str(refusal.value).startswith(name[:10])
 
@@ -112,7 +112,7 @@ def test_all_parameters_together_have_a_bound_and_may_shrink():
     for number in range(3):
         usage.parameters += usage.growth(tree, f"/p{number}", "x" * (20 << 20))
         tree[f"p{number}"] = "x" * (20 << 20)
-    with pytest.raises(Refusal, match="64 MiB"):
+    with pytest.raises(BoundRefusal, match="64 MiB"):
         usage.growth(tree, "/p3", "x" * (20 << 20))
     assert usage.growth(tree, "/p1", "small") < 0
 

@@ -7,7 +7,7 @@ import tracemalloc
 
 import pytest
 from rosfleet_multimaster.roscore.core import bounds
-from rosfleet_multimaster.roscore.core.bounds import BOUNDS, Refusal, Usage, weigh, weigh_registration
+from rosfleet_multimaster.roscore.core.bounds import BOUNDS, BoundRefusal, Usage, weigh, weigh_registration
 from rosfleet_multimaster.roscore.core.holdings import Holdings
 from rosfleet_multimaster.roscore.core.registry import Registry
 
@@ -93,14 +93,14 @@ def test_one_fills_its_share_and_the_others_have_room(bound, piece):
             some.holdings.note(record, some.usage.count(record))
 
     for robot in ("robot2", "somebody", "nobody", "another"):
-        with pytest.raises(Refusal) as refusal:
+        with pytest.raises(BoundRefusal) as refusal:
             for number in range(20_000):
                 add(robot, number)
         assert refusal.value.bound == f"{bound} of one" and some.holdings.count(robot, bound) <= of_one
     assert some.holdings.count("robot2", bound) > of_one - 2 * piece
     add("robot3", 0)
     add("", 0)
-    with pytest.raises(Refusal) as refusal:
+    with pytest.raises(BoundRefusal) as refusal:
         for number in range(100_000):
             add(None, number)
     assert refusal.value.bound == bound and some.holdings.count(None, bound) > BOUNDS[bound].most / 2 - 2 * piece

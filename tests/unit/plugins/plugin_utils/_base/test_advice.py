@@ -11,7 +11,7 @@ import shlex
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import advice
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import HANDS, INVENTORY
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Component
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -90,7 +90,7 @@ def test_what_has_not_its_form_makes_no_command(value):
 @pytest.mark.parametrize("fault", FAULTS, ids="-".join)
 @given(what=st.text(min_size=1) | hostile("what"))
 def test_a_remedy_holds_no_name_of_others_but_as_one_word(fault, what):
-    good, part = Part(fault[0], "robot1", fault[1], "good"), Part(fault[0], "robot1", fault[1], what)
+    good, part = Component(fault[0], "robot1", fault[1], "good"), Component(fault[0], "robot1", fault[1], what)
     for one, told in zip((*good.do(), *good.look()), (*part.do(), *part.look()), strict=True):
         if told.where == HANDS and one.where != HANDS:
             assert re.fullmatch(r'look at it on robot1: ("[^"]*"|[^" ]+) fits into no command', told.text)

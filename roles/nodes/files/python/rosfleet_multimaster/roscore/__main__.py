@@ -36,7 +36,7 @@ SOCKET = "roscore"  # the name of the socket that systemd holds
 BOOT_PATIENCE = 2.0  # seconds for nodes on other computers to answer after a boot of this one
 
 
-class Roscore:
+class RoscoreProgram:
     """The wiring of the program."""
 
     def __init__(self, options: argparse.Namespace) -> None:
@@ -44,7 +44,7 @@ class Roscore:
         self._workers = Workers(self._loop, THREADS, 1 << 16)
         self._refusals = Refusals(self._tell)
         callbacks = master.Callbacks(self._on_changes, self._look_after, self._wait)
-        self._master = master.Master(WATCHED, callbacks, self._refusals)
+        self._master = master.MasterMethods(WATCHED, callbacks, self._refusals)
         self._robots = Robots(options.members, self._master.set_robots)
         self._changes = Changes(
             uuid.uuid4().hex,
@@ -217,7 +217,7 @@ def main() -> int:
         return 0
     # Also until the loop runs: a store may be the reason that it never does.
     program.on_request(partial(_forget_at_once, options.store))
-    Roscore(options).run()
+    RoscoreProgram(options).run()
     return 0
 
 

@@ -23,7 +23,7 @@ from ..edge.rpc_server import BoundedHandler
 from ..protocol.members import NOBODIES
 from ..protocol.plain_text import LINE, plain
 from ..protocol.xml_rpc import Document, DocumentTooLarge, unpack
-from .core.bounds import BOUNDS, Refusal, refuse, weigh
+from .core.bounds import BOUNDS, BoundRefusal, refuse, weigh
 
 _log = logging.getLogger("rosfleet.door")
 
@@ -50,7 +50,7 @@ class Caller(NamedTuple):
     address: str = ""
     here: str = ""  # the own address that it called
     has_left: Callable[[], bool] = lambda: False
-    pause: Callable[[], None] = lambda: None  # waits where it has taken more than its share. Raises Refusal
+    pause: Callable[[], None] = lambda: None  # waits where it has taken more than its share. Raises BoundRefusal
     ends: Tuple[Tuple[str, int], Tuple[str, int]] = (("", 0), ("", 0))  # its connection: there, and here
     other: Optional[str] = None  # the other robot that it is of; None for a computer of this one
 
@@ -131,7 +131,7 @@ class Door:
     def __init__(
         self,
         dispatch: Callable[[str, Tuple[Any, ...]], Any],
-        on_refusal: Callable[[Refusal], None],
+        on_refusal: Callable[[BoundRefusal], None],
         calls: threading.local,
         robot_at: Callable[[str], str] = str,
     ) -> None:
@@ -195,14 +195,14 @@ class Handler(BoundedHandler):
                 value = self._run_call()
                 self._reserve(value)
                 self._send(_to_xml(value))
-        except Refusal as problem:
+        except BoundRefusal as problem:
             self.door.on_refusal(problem)
             self._send(_to_xml((-1, plain(problem, LINE), 0)))
         finally:
             self.connection.settimeout(None)
 
     def _take(self, size: int) -> None:
-        """Take memory until the call has its answer: its values stay for so long. Raises Refusal."""
+        """Take memory until the call has its answer: its values stay for so long. Raises BoundRefusal."""
         try:
             self._held.enter_context(self.door.room.take(self._payer, size))
         except NoRoom:
@@ -215,7 +215,7 @@ class Handler(BoundedHandler):
         try:
             name, arguments = self._read_request()
             return self.door.dispatch(name, arguments)
-        except (Refusal, OSError):
+        except (BoundRefusal, OSError):
             raise
         except xmlrpc.client.Fault as fault:
             return fault
@@ -223,7 +223,7 @@ class Handler(BoundedHandler):
             return _to_fault(problem)
 
     def _read_request(self) -> Tuple[str, Tuple[Any, ...]]:
-        """The method and its arguments. Raises Refusal, OSError, or what expat and xmlrpc raise."""
+        """The method and its arguments. Raises BoundRefusal, OSError, or what expat and xmlrpc raise."""
         length, encoding = self.headers.get("Content-Length", ""), self.headers.get("Content-Encoding", "identity")
         packed = {"identity": False, "gzip": True}.get(encoding.lower())
         if not length.isdecimal() or len(length) > 15 or packed is None:
@@ -245,7 +245,7 @@ class Handler(BoundedHandler):
         except Exception as problem:
             _drain(body)
             if isinstance(problem, DocumentTooLarge):
-                raise Refusal(f"a request is more than the roscore takes: {problem}", "request") from None
+                raise BoundRefusal(f"a request is more than the roscore takes: {problem}", "request") from None
             raise
         self.connection.settimeout(None)
         if not isinstance(name, str):
@@ -265,7 +265,7 @@ class Handler(BoundedHandler):
     # The answer
 
     def _reserve(self, value: Any) -> None:
-        """Take the memory for an answer. Raises Refusal."""
+        """Take the memory for an answer. Raises BoundRefusal."""
         size = 0 if isinstance(value, xmlrpc.client.Fault) else weigh(value)
         if size > BOUNDS["answer"].most:
             raise refuse("answer", "the answer")
@@ -327,7 +327,7 @@ def _to_xml(value: Any) -> bytes:
 def multicall(
     dispatch: Callable[[str, Tuple[Any, ...]], Any], calls: Any, pause: Callable[[], None] = lambda: None
 ) -> List[Any]:
-    """The results of several calls, each in a list of its own, or a mapping with its fault. Raises Refusal or ValueError.
+    """The results of several calls, each in a list of its own, or a mapping with its fault. Raises BoundRefusal or ValueError.
 
     `pause()` is called before each of them.
     """

@@ -28,10 +28,10 @@ from ..protocol import imports, json_text
 from ..protocol.plain_text import plain, quote
 from ..protocol.tcpros.hosts import host_of
 from . import programs
-from .core.bounds import BOUNDS, Refusal, Usage, check_names, is_writable, refuse, weigh
+from .core.bounds import BOUNDS, BoundRefusal, Usage, check_names, is_writable, refuse, weigh
 from .core.holdings import Change, Holdings
 from .core.name_guard import NameGuard
-from .core.notifications import Call
+from .core.notifications import NodeCall
 from .core.owners import Node, inner, owner_of
 from .core.registry import Record, Registry, node_of, split_name, touches
 from .door import Caller, Door, Handler, multicall
@@ -174,10 +174,10 @@ class Callbacks(NamedTuple):
 
     on_changes: Callable[[List[Record]], None]  # the changes of a call; the lock of the registrations is held
     on_leaving: Callable[[str, str], None]  # a node, by name and URI, has withdrawn everything
-    wait: Callable[[], None]  # before a change; raises Refusal where there is no room for it now
+    wait: Callable[[], None]  # before a change; raises BoundRefusal where there is no room for it now
 
 
-class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
+class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
     """The methods of rosmaster, and `more`. Clients can call no other names."""
 
     def __init__(
@@ -231,12 +231,12 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             if name in CHANGES or name == TOGETHER:
                 self.callbacks.wait()
             return self.call(name, *arguments)
-        except Refusal as problem:
+        except BoundRefusal as problem:
             self.refusals.add(problem)
             return -1, str(problem), 0
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """Make a call, also one of this process itself. Raises Refusal."""
+        """Make a call, also one of this process itself. Raises BoundRefusal."""
         if name in self.more:
             return self.more[name](*arguments)
         if name not in self._known:
@@ -259,7 +259,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             return -1, "only programs of this computer may use it", 0
         try:
             parts = [_read_calls(text) for text in texts]
-        except Refusal:
+        except BoundRefusal:
             raise
         except (ValueError, TypeError, RecursionError) as problem:
             return -1, f"expected: texts of JSON, each a list of calls: {plain(problem)}", 0
@@ -270,7 +270,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         return 1, "", answers
 
     def _run_calls(self, calls: List[Any], left: int) -> List[Any]:
-        """The results; of a call that fails, a text that says why. Raises Refusal, after a change, where they weigh more."""
+        """The results; of a call that fails, a text that says why. Raises BoundRefusal, after a change, where they weigh more."""
         results: List[Any] = []
         with self._collect_changes():
             for name, *arguments in calls:
@@ -278,7 +278,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                     if name not in CHANGES:
                         raise ValueError(f"{name} changes nothing")
                     results.append(self.call(name, *arguments))
-                except Refusal as refusal:
+                except BoundRefusal as refusal:
                     self.refusals.add(refusal)
                     results.append((-1, str(refusal), 0))
                 except Exception as problem:  # as in a multicall: one that fails does not end the others
@@ -346,7 +346,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
             self.callbacks.on_leaving(arguments[0], self.reg_manager.nodes[arguments[0]].api)
 
     def _plan_parameters(self, name: str, key: str, arguments: Tuple[Any, ...]) -> Change:
-        """How much heavier the parameters of each robot get by a call. Raises Refusal. rosmaster answers wrong arguments."""
+        """How much heavier the parameters of each robot get by a call. Raises BoundRefusal. rosmaster answers wrong arguments."""
         if not key:
             return Change({})
         tree = self.param_server.parameters
@@ -362,7 +362,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         return change
 
     def _check_bounds(self, name: str, arguments: Tuple[Any, ...]) -> None:
-        """Raise Refusal where there is no room for a new registration."""
+        """Raise BoundRefusal where there is no room for a new registration."""
         kind, at = _REGISTERS.get(name, ("", 0))
         if not kind or len(arguments) <= at or not all(isinstance(text, str) for text in arguments):
             return
@@ -391,14 +391,14 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
                 del self.topics_types[topic]
 
     def _protect(self, name: str, key: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
-        """The arguments, with what is below the collection's own name as it is: others may not set it. Raises Refusal."""
+        """The arguments, with what is below the collection's own name as it is: others may not set it. Raises BoundRefusal."""
         if not key or not touches(key, _RESERVED) or self._is_own_program():
             return arguments
         own = self._value(_RESERVED)
         if split_name(key):
             if name == "setParam" and arguments[2] == self._value(key):
                 return arguments
-            raise Refusal(f"{key} is set by master_sync of this computer alone", "own")
+            raise BoundRefusal(f"{key} is set by master_sync of this computer alone", "own")
         if name != "setParam" or not isinstance(arguments[2], dict):
             return arguments
         tree = {part: value for part, value in arguments[2].items() if part.strip("/") != _RESERVED[1:]}
@@ -422,7 +422,7 @@ class Master(master_api.ROSMasterHandler):  # type: ignore[misc]
         self._enders[uri, name] = {by, (self.caller().address, self.caller().is_own)}
         return self._spare
 
-    def _may_tell(self, call: Call) -> bool:
+    def _may_tell(self, call: NodeCall) -> bool:
         """True where a node may be told that. It runs in the notifier's thread.
 
         A node is ended only on the computer from which it or its successor was registered. Else two registrations in the name
@@ -717,7 +717,7 @@ def copy_tree(value: Any) -> Any:
 
 
 def serve(
-    master: Master,
+    master: MasterMethods,
     port: int,
     sockets: List[Socket],
     more: Mapping[str, Callable[..., Any]],

@@ -10,7 +10,7 @@ from typing import Any, Callable, Optional, Tuple
 from ..edge.clock import monotonic
 from ..edge.rpc_client import Rpc
 from ..protocol.tcpros.hosts import host_of
-from .core.notifications import WORKERS, Call, Notifications
+from .core.notifications import WORKERS, NodeCall, Notifications
 
 _log = logging.getLogger("rosfleet.notifier")
 
@@ -21,7 +21,7 @@ IDLE = 10.0  # seconds that a worker waits for work before it goes
 class Notifier:
     """Makes the waiting calls."""
 
-    def __init__(self, may_call: Callable[[Call], bool] = lambda _call: True) -> None:
+    def __init__(self, may_call: Callable[[NodeCall], bool] = lambda _call: True) -> None:
         """`may_call(call)` is asked right before a call."""
         self._plan, self._may_call = Notifications(), may_call
         self._wake = threading.Condition()
@@ -54,7 +54,7 @@ class Notifier:
             with self._wake:
                 self._plan.finish(call, monotonic(), answered, gone)
 
-    def _await(self) -> Optional[Call]:
+    def _await(self) -> Optional[NodeCall]:
         """The next call; None where this worker can go. The lock is held."""
         patience = monotonic() + IDLE
         while True:
@@ -71,7 +71,7 @@ class Notifier:
             self._wake.wait(max(0.001, (patience if due is None else due) - now))
             self._idle -= 1
 
-    def _make(self, call: Call) -> Tuple[bool, bool]:
+    def _make(self, call: NodeCall) -> Tuple[bool, bool]:
         """Call a node: whether it answered in time, and whether its port is closed."""
         try:
             if not self._may_call(call):

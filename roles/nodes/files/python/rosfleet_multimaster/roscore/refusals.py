@@ -12,7 +12,7 @@ from typing import Counter as Counts
 
 from ..edge.process import program
 from ..protocol.mirror import REFUSED
-from .core.bounds import Refusal
+from .core.bounds import BoundRefusal
 from .core.registry import Record
 
 PAUSE = 2.0  # seconds between two times that the counts are told
@@ -29,7 +29,7 @@ class Refusals:
         self._told: Dict[str, int] = {}
         self._due = 0.0
 
-    def add(self, refusal: Refusal) -> None:
+    def add(self, refusal: BoundRefusal) -> None:
         """Count a request that exceeds a bound; in any thread."""
         with self._lock:
             self._counts[refusal.bound or "value"] += 1

@@ -24,7 +24,7 @@ from .core.registry import Record, Registry, node_of
 from .tcpros import provider
 
 if TYPE_CHECKING:  # it needs rosmaster
-    from .master import Master
+    from .master import MasterMethods
 
 _log = logging.getLogger("rosfleet.survivors")
 
@@ -95,7 +95,7 @@ def _provides(name: str, service: str, uri: str) -> bool:
 class Survivors:
     """Asks the nodes of an earlier life until each has answered or is gone."""
 
-    def __init__(self, workers: Workers, roscore: "Master") -> None:
+    def __init__(self, workers: Workers, roscore: "MasterMethods") -> None:
         """Ask in these workers, and change this roscore."""
         self._workers, self._roscore = workers, roscore
         self._silent: Set[NodeKey] = set()  # registered nodes that have not answered yet

@@ -12,9 +12,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    FilterState,
     MasterList,
     Observation,
-    PacketFilter,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import (
@@ -55,7 +55,7 @@ def _roscore(**values):
 
 
 def _filter(seen):
-    update(seen[ONE], packet_filter=PacketFilter(changed=True, msg="The rules of nftables would be changed."))
+    update(seen[ONE], packet_filter=FilterState(changed=True, msg="The rules of nftables would be changed."))
 
 
 def _silent_roscore(error):

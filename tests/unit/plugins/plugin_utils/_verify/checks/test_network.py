@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.ways import Ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Claim,
@@ -304,7 +304,10 @@ def test_a_route_to_the_other_address_of_a_gateway(hop, mode):
         update(route, gateway=hop, error="" if hop else "Network is unreachable")
 
     first = diagnosed(change, fig12()).findings[0]
-    assert first.part == Part("route", "tibi-nav", mode, "the common network") and first.proof[0].check == "outer_route"
+    assert (
+        first.part == Component("route", "tibi-nav", mode, "the common network")
+        and first.proof[0].check == "outer_route"
+    )
 
 
 def test_lost_pings_of_both_sizes_say_nothing_of_the_size():

@@ -7,7 +7,11 @@ import re
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import ALWAYS, write_advices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, FOLLOWS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import (
+    FAULTS,
+    FOLLOWS,
+    Component,
+)
 
 UNFILLED = re.compile(r"\{(place|what|inventory|limit)\}")
 #: words of commands and of advice that change something or start it again
@@ -22,7 +26,7 @@ CHANGING = re.compile(
 def test_every_fault_is_told_in_whole_sentences(key):
     kind, mode = key
     for what in ("", "the network of dabo"):
-        part = Part(kind, "tibi-nav", mode, what)
+        part = Component(kind, "tibi-nav", mode, what)
         texts = (
             part.sentence(),
             *(text for one in (*part.do(), *part.look()) for text in (one.text, one.effect or "none")),
@@ -34,7 +38,7 @@ def test_every_fault_is_told_in_whole_sentences(key):
 @pytest.mark.parametrize("key", [key for key, fault in FAULTS.items() if fault.read != ALWAYS])
 def test_what_may_be_inferred_is_told_with_a_look_alone(key):
     kind, mode = key
-    assert not CHANGING.search(write_advices(Part(kind, "tibi-nav", mode).look()))
+    assert not CHANGING.search(write_advices(Component(kind, "tibi-nav", mode).look()))
 
 
 def test_what_follows_is_in_the_table():
@@ -42,6 +46,6 @@ def test_what_follows_is_in_the_table():
 
 
 def test_two_places_are_one_part_in_any_order():
-    part = Part.from_pair("filter", "pair", "b", "a")
-    assert part == Part.from_pair("filter", "pair", "a", "b")
+    part = Component.from_pair("filter", "pair", "b", "a")
+    assert part == Component.from_pair("filter", "pair", "a", "b")
     assert part.places == ("a", "b") and " a and b," in part.sentence()

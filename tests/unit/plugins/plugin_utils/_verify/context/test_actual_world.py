@@ -6,7 +6,7 @@
 from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.actual_world import ActualWorld
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import PolicyRouting
@@ -36,27 +36,27 @@ def see(*parts, interface=None, policy=None, computer=GATE):
 
 CASES = [
     # The fault, what was read on the gateway, a way that ends there, and one that does not
-    (Part("link", GATE, "down", COMMON), {"interface": (1, {"state": "down"})}, (OTHER, INNER), (NEAR, INNER)),
-    (Part("link", GATE, "down", TIBI), {"interface": (0, {"state": "down"})}, (NEAR, OTHER), (OUTER, OTHER)),
+    (Component("link", GATE, "down", COMMON), {"interface": (1, {"state": "down"})}, (OTHER, INNER), (NEAR, INNER)),
+    (Component("link", GATE, "down", TIBI), {"interface": (0, {"state": "down"})}, (NEAR, OTHER), (OUTER, OTHER)),
     (
-        Part("interface", GATE, "address"),
+        Component("interface", GATE, "address"),
         {"interface": (1, {"addresses": ("192.168.1.77",)})},
         (OTHER, INNER),
         (NEAR, INNER),
     ),
-    (Part("forwarding", GATE, "off"), {"interface": (1, {"forwarding": 0})}, (OTHER, INNER), (OTHER, OUTER)),
-    (Part("computer", GATE, "off"), {}, (INNER, OTHER), (INNER, NEAR)),
-    (Part("network", TIBI, "dead"), {}, (INNER, NEAR), (OTHER, OUTER)),
-    (Part("route", INNER, "missing", COMMON), {}, (OUTER, INNER), (OTHER, INNER)),
-    (Part("route", INNER, "missing"), {}, (OTHER, INNER), (NEAR, INNER)),
-    (Part("route", GATE, "closed", "blackhole 192.168.12.0/24"), {}, (INNER, OTHER), (INNER, NEAR)),
+    (Component("forwarding", GATE, "off"), {"interface": (1, {"forwarding": 0})}, (OTHER, INNER), (OTHER, OUTER)),
+    (Component("computer", GATE, "off"), {}, (INNER, OTHER), (INNER, NEAR)),
+    (Component("network", TIBI, "dead"), {}, (INNER, NEAR), (OTHER, OUTER)),
+    (Component("route", INNER, "missing", COMMON), {}, (OUTER, INNER), (OTHER, INNER)),
+    (Component("route", INNER, "missing"), {}, (OTHER, INNER), (NEAR, INNER)),
+    (Component("route", GATE, "closed", "blackhole 192.168.12.0/24"), {}, (INNER, OTHER), (INNER, NEAR)),
     (
-        Part("route", GATE, "rule"),
+        Component("route", GATE, "rule"),
         {"policy": PolicyRouting(("99: from all to 192.168.12.0/24 prohibit",))},
         (INNER, OTHER),
         (INNER, NEAR),
     ),
-    (Part("neighbour", NEAR, "fixed", GATE), {}, (NEAR, OTHER), (INNER, OTHER)),
+    (Component("neighbour", NEAR, "fixed", GATE), {}, (NEAR, OTHER), (INNER, OTHER)),
 ]
 
 
@@ -71,12 +71,12 @@ def test_packets_end_at_a_known_fault_alone(part, read, lost, whole):
 def test_what_fails_without_a_known_fault_has_none():
     down = (1, {"state": "down"})
     assert see(interface=down).find_fault(OTHER, INNER, "icmp") is None
-    assert see(Part("names", INNER, "unknown", OTHER), interface=down).find_fault(OTHER, INNER, "icmp") is None
+    assert see(Component("names", INNER, "unknown", OTHER), interface=down).find_fault(OTHER, INNER, "icmp") is None
 
 
 def test_a_computer_does_not_reach_itself_by_a_link_that_is_down():
-    world = see(Part("link", INNER, "down", TIBI), interface=(0, {"state": "down"}), computer=INNER)
-    assert world.find_fault(INNER, INNER, "roscore") == Part("link", INNER, "down", TIBI)
+    world = see(Component("link", INNER, "down", TIBI), interface=(0, {"state": "down"}), computer=INNER)
+    assert world.find_fault(INNER, INNER, "roscore") == Component("link", INNER, "down", TIBI)
 
 
 @pytest.mark.parametrize("way", [(OUTER, GATE), (GATE, OUTER), (INNER, OTHER), (OTHER, INNER), (NEAR, INNER)])
@@ -88,14 +88,14 @@ def test_one_interface_may_have_the_addresses_of_two_networks(way):
     both = replace(inner, addresses=inner.addresses + outer.addresses, prefixes=inner.prefixes + outer.prefixes)
     update(seen[GATE].probe.forwarding, interfaces=(both,))
     state = FleetState(fleet, seen, 0.0)
-    known = Part("reverse_path", GATE, "strict")
+    known = Component("reverse_path", GATE, "strict")
     assert ActualWorld(state, [known]).find_fault(*way, "icmp") is None
-    off = Part("computer", GATE, "off")
+    off = Component("computer", GATE, "off")
     assert ActualWorld(state, [off]).find_fault(*way, "icmp") == (off if way != (NEAR, INNER) else None)
-    dead = Part("network", TIBI, "dead")
+    dead = Component("network", TIBI, "dead")
     ends_there = way in ((NEAR, INNER), (INNER, OTHER))
     assert not ends_there or ActualWorld(state, [dead]).find_fault(*way, "icmp") == dead
-    common = Part("network", COMMON, "dead")
+    common = Component("network", COMMON, "dead")
     assert ActualWorld(state, [common]).find_fault(NEAR, INNER, "icmp") is None
 
 
@@ -107,9 +107,9 @@ TEXT = st.text(st.characters(codec="utf-8"), max_size=12) | st.sampled_from(
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(TEXT, TEXT), st.tuples(st.integers(-1, 300), st.integers(-1, 300)), TEXT, TEXT)
 def test_texts_of_a_computer_never_stop_the_diagnosis(addresses, prefixes, words, line):
-    part = Part("route", GATE, "closed", words)
+    part = Component("route", GATE, "closed", words)
     values = {"addresses": addresses, "prefixes": prefixes, "interface": words}
     world = see(
-        part, Part("computer", words, "off"), interface=(1, values), policy=PolicyRouting((f"1: {line}",), (line,))
+        part, Component("computer", words, "off"), interface=(1, values), policy=PolicyRouting((f"1: {line}",), (line,))
     )
     assert world.find_fault(OTHER, INNER, "icmp") in (None, part)

@@ -6,7 +6,7 @@
 from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FOLLOWS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FOLLOWS, Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     FilterChain,
@@ -41,13 +41,13 @@ def address(fleet, name):
 
 
 CASES = [
-    ({"tibi_visio": chain("forward", policy="drop")}, OTHER, INNER, "icmp", Part("filter", GATE, "forward")),
+    ({"tibi_visio": chain("forward", policy="drop")}, OTHER, INNER, "icmp", Component("filter", GATE, "forward")),
     (
         {"tibi_visio": chain("forward", drop(protocol="tcp"))},
         OTHER,
         INNER,
         "nodes",
-        Part("filter", GATE, "forward", "TCP"),
+        Component("filter", GATE, "forward", "TCP"),
     ),
     ({"tibi_visio": chain("forward", drop(protocol="tcp"))}, OTHER, INNER, "icmp", None),
     # Whoever is behind the gateway begins; the answers are let in.
@@ -63,38 +63,44 @@ CASES = [
         OTHER,
         INNER,
         "icmp",
-        Part("filter", GATE, "forward"),
+        Component("filter", GATE, "forward"),
     ),
     (
         {"tibi_nav": chain("input", drop(protocol="tcp", ports=NODES))},
         OTHER,
         INNER,
         "nodes",
-        Part("filter", INNER, "nodes in"),
+        Component("filter", INNER, "nodes in"),
     ),
     ({"tibi_nav": chain("input", drop(protocol="tcp", ports=NODES))}, OTHER, INNER, "icmp", None),
-    ({"tibi_nav": chain("output", drop(protocol="icmp"))}, OTHER, INNER, "icmp", Part("filter", INNER, "icmp")),
-    ({"tibi_nav": chain("output", drop(protocol="icmp"))}, INNER, OTHER, "icmp", Part("filter", INNER, "icmp out")),
+    ({"tibi_nav": chain("output", drop(protocol="icmp"))}, OTHER, INNER, "icmp", Component("filter", INNER, "icmp")),
+    (
+        {"tibi_nav": chain("output", drop(protocol="icmp"))},
+        INNER,
+        OTHER,
+        "icmp",
+        Component("filter", INNER, "icmp out"),
+    ),
     (
         {"tibi_visio": chain("input", drop(protocol="udp", ports=(11511, 11511)))},
         "car-visio",
         GATE,
         "udp",
-        Part("filter", GATE, "udp in"),
+        Component("filter", GATE, "udp in"),
     ),
     (
         {"tibi_visio": chain("input", drop(protocol="udp", ports=(11511, 11511)))},
         "car-visio",
         GATE,
         "group",
-        Part("filter", GATE, "udp in"),
+        Component("filter", GATE, "udp in"),
     ),
     (
         {"tibi_visio": chain("output", drop(destinations=("224.0.0.0/4",)))},
         GATE,
         "car-visio",
         "group",
-        Part("filter", GATE, "group out"),
+        Component("filter", GATE, "group out"),
     ),
     # All that nothing lets in.
     (
@@ -102,14 +108,14 @@ CASES = [
         "car-visio",
         GATE,
         "nodes",
-        Part("filter", GATE, "all in"),
+        Component("filter", GATE, "all in"),
     ),
     (
         {"tibi_visio": chain("input", FilterRule("accept", protocol="icmp"), policy="drop")},
         "car-visio",
         GATE,
         "group",
-        Part("filter", GATE, "all in"),
+        Component("filter", GATE, "all in"),
     ),
     (
         {"tibi_visio": chain("input", FilterRule("accept", protocol="icmp"), policy="drop")},
@@ -137,7 +143,7 @@ def test_a_rule_of_two_computers_is_told_as_one():
     fleet = fig12()
     rule = drop(sources=(f"{address(fleet, OTHER)}/32",), destinations=(f"{address(fleet, INNER)}/32",))
     found = ReadFilters(fleet, read(fleet, tibi_visio=chain("forward", rule)))
-    assert found.find_drop(OTHER, INNER, "icmp") == Part.from_pair("filter", "pair", OTHER, INNER)
+    assert found.find_drop(OTHER, INNER, "icmp") == Component.from_pair("filter", "pair", OTHER, INNER)
     assert found.find_drop("car-visio", INNER, "icmp") is None
 
 
@@ -149,7 +155,7 @@ def test_rules_are_found_behind_an_interface_of_two_networks():
     addresses, prefixes = inner.addresses + outer.addresses, inner.prefixes + outer.prefixes
     both = replace(inner, interface="wlan0", addresses=addresses, prefixes=prefixes)
     update(seen[GATE].probe.forwarding, interfaces=(both,))
-    assert ReadFilters(fleet, seen).find_drop(OTHER, INNER, "icmp") == Part("filter", INNER, "icmp in")
+    assert ReadFilters(fleet, seen).find_drop(OTHER, INNER, "icmp") == Component("filter", INNER, "icmp in")
 
 
 @pytest.mark.parametrize(
@@ -166,9 +172,9 @@ def test_rules_are_found_behind_an_interface_of_two_networks():
 def test_rules_that_were_read_speak_against_a_filter(chains, mode, expected):
     fleet = fig12()
     seen = read(fleet, **chains)
-    assert ReadFilters(fleet, seen).lets_pass(Part("filter", INNER, mode)) is expected
+    assert ReadFilters(fleet, seen).lets_pass(Component("filter", INNER, mode)) is expected
     update(seen[INNER], filters=FilterChains())
-    assert not ReadFilters(fleet, seen).lets_pass(Part("filter", INNER, mode))
+    assert not ReadFilters(fleet, seen).lets_pass(Component("filter", INNER, mode))
 
 
 def test_a_gateway_that_lets_in_only_answers_is_one_finding():

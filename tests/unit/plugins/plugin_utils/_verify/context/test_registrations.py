@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.conte
     Exchanges,
     FlowRules,
     Flows,
-    Item,
+    RegisteredItem,
     RoscoreIndex,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
@@ -90,9 +90,9 @@ def test_a_pattern_means_the_whole_name(patterns, name, meant):
 
 
 TALK, EAR, CALL = (
-    Item("publisher", "/chat", "/talker"),
-    Item("subscriber", "/chat", "/ear"),
-    Item("service", "/reset", "/base"),
+    RegisteredItem("publisher", "/chat", "/talker"),
+    RegisteredItem("subscriber", "/chat", "/ear"),
+    RegisteredItem("service", "/reset", "/base"),
 )
 
 
@@ -149,7 +149,7 @@ def test_without_a_declaration_everything_passes_subscribers_too():
     flows = Flows(plan())
     assert all(flows.rules("a", "b").passes(item, "std_msgs/String") for item in (TALK, EAR, CALL))
     assert not flows.declares_nothing("a", "b")
-    assert not flows.rules("a", "b").passes(Item("publisher", "/rosout", "/talker"), "rosgraph_msgs/Log")
+    assert not flows.rules("a", "b").passes(RegisteredItem("publisher", "/rosout", "/talker"), "rosgraph_msgs/Log")
 
 
 def test_only_the_declared_flow_passes():
@@ -167,7 +167,7 @@ def test_only_the_declared_flow_passes():
     }
     assert passing == {**dict.fromkeys(passing, []), ("a", "b"): [TALK], ("c", "b"): [CALL]}
     assert flows.declares_nothing("a", "c") and not flows.declares_nothing("a", "b")
-    test = Item("publisher", "/multimaster_verify/a1", "/multimaster_verify_talker_a1_x")
+    test = RegisteredItem("publisher", "/multimaster_verify/a1", "/multimaster_verify_talker_a1_x")
     assert flows.rules("a", "b").passes(test, "std_msgs/String") and not flows.rules("a", "c").passes(
         test, "std_msgs/String"
     )
@@ -183,7 +183,7 @@ def test_an_action_flows_in_both_directions():
     flows = Flows(fleet)
 
     def passes(source, target, name):
-        return flows.rules(source, target).passes(Item("publisher", f"/move/{name}", "/n"), "x/Y")
+        return flows.rules(source, target).passes(RegisteredItem("publisher", f"/move/{name}", "/n"), "x/Y")
 
     assert all(passes("a", "b", name) for name in ("status", "feedback", "result"))
     assert all(passes("b", "a", name) for name in ("goal", "cancel"))
@@ -193,7 +193,9 @@ def test_an_action_flows_in_both_directions():
 def test_filters_hold_beside_a_declaration():
     fleet = plan("ab", exports={"a": [{"topics": ["/chat", "/scan"]}]}, b={"ignore_topics": ["/scan"]})
     rules = Flows(fleet).rules("a", "b")
-    assert rules.passes(TALK, "std_msgs/String") and not rules.passes(Item("publisher", "/scan", "/laser"), "x/Y")
+    assert rules.passes(TALK, "std_msgs/String") and not rules.passes(
+        RegisteredItem("publisher", "/scan", "/laser"), "x/Y"
+    )
 
 
 # What robots have

@@ -3,7 +3,7 @@
 
 """Ways and masters: faults of a roscore on a sealed computer are told of that computer."""
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.needs import make_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.ways import Ways
 from fleets import COMPANION, ONE, SEALED, plan, sealed
@@ -12,7 +12,7 @@ from mentioned import mentions
 
 def test_faults_of_a_sealed_roscore_are_of_its_computer():
     ways = Ways(sealed())
-    assert ways.seal(make_parts("roscore", COMPANION, "dead", "hung")) == {Part("roscore", SEALED, "sealed")}
+    assert ways.seal(make_parts("roscore", COMPANION, "dead", "hung")) == {Component("roscore", SEALED, "sealed")}
     others = make_parts("roscore", ONE, "dead") | make_parts("sync", COMPANION, "dead")
     assert ways.seal(others) == others
     (named,) = ways.seal(make_parts("roscore", COMPANION, "name", what="http://localhost:11311/"))

@@ -9,7 +9,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import INVENTORY, write_advices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import (
     COMMANDS,
     make_commands,
@@ -33,7 +33,7 @@ def told(change, kind, mode, *whats):
     change(seen[NAME].probe)
     run = Verification(CHECKS, fleet, seen)
     return write_advices(
-        make_commands([Part(kind, NAME, mode, what) for what in whats or ("",)], run.run[NAME], run.state)
+        make_commands([Component(kind, NAME, mode, what) for what in whats or ("",)], run.run[NAME], run.state)
     )
 
 
@@ -119,7 +119,7 @@ def test_what_is_to_be_pasted(change, part, expected):
 def test_nothing_is_known_of_whom_nobody_looked_at():
     fleet = fig12()
     run = Verification(CHECKS, fleet, {})
-    assert make_commands([Part("link", NAME, "down", NETWORK)], None, run.state) == ()
+    assert make_commands([Component("link", NAME, "down", NETWORK)], None, run.state) == ()
 
 
 def test_a_finding_has_its_command_first():

@@ -6,20 +6,20 @@
 import random
 import time
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.cover import Failure, explain
 
 
 def off(place):
-    return Part("computer", place, "off")
+    return Component("computer", place, "off")
 
 
 def wall(place):
-    return Part("filter", place, "forward")
+    return Component("filter", place, "forward")
 
 
 def loss(place):
-    return Part("link", place, "loss")
+    return Component("link", place, "loss")
 
 
 def explained(failures, passed, known=()):
@@ -62,18 +62,18 @@ def test_two_faults_are_two():
 
 
 def test_what_nothing_tells_apart_is_one_of_these():
-    clocks = [Part("clock", place, "off") for place in "ab"]
+    clocks = [Component("clock", place, "off") for place in "ab"]
     ((part, rivals),), rest = explained([set(clocks), set(clocks)], passed=Passed())
     assert {part, *rivals} == set(clocks) and rest == []
 
 
 def test_what_was_read_wins_and_has_no_rival():
-    clocks = [Part("clock", place, "off") for place in "ab"]
+    clocks = [Component("clock", place, "off") for place in "ab"]
     assert explained([set(clocks)], known=[clocks[1]], passed=Passed()) == ([(clocks[1], ())], [])
 
 
 def test_what_only_a_value_shows_is_never_concluded():
-    names = Part("names", "a", "old", "b")
+    names = Component("names", "a", "old", "b")
     assert explained([{names}], passed=Passed()) == ([], [0])
     assert explained([{names}], known=[names], passed=Passed()) == ([(names, ())], [])
 

@@ -8,7 +8,7 @@ import time
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
@@ -147,7 +147,7 @@ def test_robots_are_not_mixed_up():
 
 def test_of_packets_that_end_at_one_place_the_first_are_told():
     """Each has many words; the report has those of all beside the finding."""
-    first, second = (Part("way", "tibi-gate", "ends", f"pings from {name} end there") for name in ("arm", "nav"))
+    first, second = (Component("way", "tibi-gate", "ends", f"pings from {name} end there") for name in ("arm", "nav"))
     told = diagnosis.Finding(first, also=(second,)).sentence()
     assert told == "packets end at tibi-gate: pings from arm end there"
 
@@ -160,8 +160,8 @@ def test_what_follows_from_a_consequence_is_given_to_its_cause(monkeypatch):
         update(of(seen[name].probe.services, "discovery"), active_state="failed", sub_state="failed")
     update(of(seen[names[2]].probe.members, names[0]), addresses=("192.168.1.77",))
     update(of(seen[names[2]].probe.members, names[1]), ping_address=no_answer(), ping_name=no_answer(), loss=1.0)
-    dead = [Part("discovery", name, "dead") for name in names[:2]]
-    cause = Part("names", names[2], "old", names[0])
+    dead = [Component("discovery", name, "dead") for name in names[:2]]
+    cause = Component("names", names[2], "old", names[0])
     causes = {names[0]: dead[1], names[1]: cause}
 
     def find_cause(_effects, row, _suspects):

@@ -5,10 +5,10 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.offsets import offset
 
-CLOCK = Part("clock", "a", "off")
+CLOCK = Component("clock", "a", "off")
 
 
 def row(observer, target, found, check="clock"):

@@ -4,7 +4,7 @@
 """Since when something is broken: only what decides the fault is told."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.onset import describe_onset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
@@ -62,12 +62,12 @@ def with_services(probe):
     ],
 )
 def test_a_service_has_a_time_of_its_own(part, expected):
-    assert onset(Part(*part), with_services) == expected
+    assert onset(Component(*part), with_services) == expected
 
 
 def test_nobody_knows_where_nobody_looked():
-    assert onset(Part("network", COMMON, "dead")) == ""
-    assert onset(Part("discovery", GATE, "dead")) == ""
+    assert onset(Component("network", COMMON, "dead")) == ""
+    assert onset(Component("discovery", GATE, "dead")) == ""
 
 
 def test_a_link_has_the_journal_and_its_changes():
@@ -76,7 +76,9 @@ def test_a_link_has_the_journal_and_its_changes():
         flaps = ForwardingInterface("wlan0", state="up", carrier_changes=77)
         update(probe, forwarding=ForwardingSettings(1, (down, flaps)))
 
-    assert mentions(onset(Part("link", GATE, "flapping"), change), "eth0", "2026-11-22T09:12:44+0000", "wlan0", "77")
+    assert mentions(
+        onset(Component("link", GATE, "flapping"), change), "eth0", "2026-11-22T09:12:44+0000", "wlan0", "77"
+    )
 
 
 # Settings, routes and the next boot: by the file that decides
@@ -102,7 +104,7 @@ def test_a_file_counts_that_sets_the_wrong_value(part, name, found, told):
     def change(probe):
         update(probe, next_boot=(BootDeviation("sysctl", name, "?", found, SYSCTL, WHEN),))
 
-    assert onset(Part(*part), change) == (f"{SYSCTL} was changed {WHEN}" if told else "")
+    assert onset(Component(*part), change) == (f"{SYSCTL} was changed {WHEN}" if told else "")
 
 
 @pytest.mark.parametrize(
@@ -122,9 +124,9 @@ def test_a_file_counts_that_names_the_destination(what, name, told):
         update(probe, next_boot=(BootDeviation("route", name, "?", "?", "/etc/netplan/9.yaml", WHEN),))
 
     expected = f"/etc/netplan/9.yaml was changed {WHEN}" if told else ""
-    assert onset(Part("route", GATE, "missing", what), change) == expected
+    assert onset(Component("route", GATE, "missing", what), change) == expected
     assert (
-        onset(Part("route", GATE, "other", what), change) == ""
+        onset(Component("route", GATE, "other", what), change) == ""
     )  # another route comes first, and no file of ours makes it
 
 
@@ -152,9 +154,11 @@ def test_the_file_of_names_counts_by_its_line(addresses, in_file, told):
         )
 
     for mode in ("loopback", "old", "several"):
-        assert onset(Part("names", GATE, mode, "car-nav"), change) == (f"/etc/hosts was changed {WHEN}" if told else "")
-    assert onset(Part("names", GATE, "order"), change) == f"/etc/nsswitch.conf was changed {WHEN}"
-    assert onset(Part("names", GATE, "rights"), change) == ""  # rights have no date
+        assert onset(Component("names", GATE, mode, "car-nav"), change) == (
+            f"/etc/hosts was changed {WHEN}" if told else ""
+        )
+    assert onset(Component("names", GATE, "order"), change) == f"/etc/nsswitch.conf was changed {WHEN}"
+    assert onset(Component("names", GATE, "rights"), change) == ""  # rights have no date
 
 
 # Packet filters: by the table of the rule that drops
@@ -201,4 +205,4 @@ def test_a_filter_counts_by_its_table(table, policy, chains, expected):
 
 
 def test_a_filter_that_no_rule_shows_has_no_date():
-    assert onset(Part("filter", OTHER, "icmp in"), lambda probe: update(probe, changes=CHANGES)) == ""
+    assert onset(Component("filter", OTHER, "icmp in"), lambda probe: update(probe, changes=CHANGES)) == ""

@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.hops import COLUMN, ROW, draw_way
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.findings import Way
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Hop
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.findings import DrawnWay
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import SeenHop
 from hypothesis import given
 from hypothesis import strategies as st
 from mentioned import mentions
@@ -23,11 +23,11 @@ EVIL = '"><script>alert(1)</script>&\x1b[31m\u202e' + "x" * 500
 def hop(sender, receiver, answer=False, arrived=True, **more):
     values = {"network": "the network of x", "left": "eth0", "target_mac": MAC, "ttl": 64}
     came = "eth1" if arrived else ""
-    return Hop(sender, receiver, answer=answer, arrived=arrived, came=came, **{**values, **more})
+    return SeenHop(sender, receiver, answer=answer, arrived=arrived, came=came, **{**values, **more})
 
 
 def draw(hops, at, words="pings end here", computers=PLANNED):
-    return ElementTree.fromstring(draw_way(to_plain(Way(computers, tuple(hops), at, words))))
+    return ElementTree.fromstring(draw_way(to_plain(DrawnWay(computers, tuple(hops), at, words))))
 
 
 def list_class(root, tag, kind):
@@ -97,8 +97,8 @@ def test_the_same_is_told_in_words():
 TEXT = st.sampled_from(["", "eth0", EVIL, "\x00\ud800"]) | st.text(max_size=40)
 NAMES = st.sampled_from([*PLANNED, EVIL])
 SEEN = TEXT, TEXT, TEXT, st.integers(), st.booleans()
-STEPS = st.lists(st.builds(Hop, NAMES, NAMES, *SEEN, st.just(True), TEXT), max_size=31)
-LAST = st.lists(st.builds(Hop, NAMES, NAMES | st.just(""), *SEEN, st.just(False)), max_size=1)
+STEPS = st.lists(st.builds(SeenHop, NAMES, NAMES, *SEEN, st.just(True), TEXT), max_size=31)
+LAST = st.lists(st.builds(SeenHop, NAMES, NAMES | st.just(""), *SEEN, st.just(False)), max_size=1)
 
 
 @given(STEPS, LAST, NAMES | TEXT, TEXT)

@@ -14,9 +14,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     Verification,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import Judgement, judge
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import FleetJudgement, judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
 
 
@@ -58,10 +58,10 @@ def test_the_data_has_every_row_and_finding():
         Row("ping_name", two, one, OK, f"an answer of {one}", "0.4 ms"),
         Row("rpc_port", two, one, FAILED, "TCP port 11611 opens", "no answer"),
     ]
-    rival = Part("clock", two, "off")
-    finding = Finding(Part("names", one, "loopback", two), proof=(rows[0],), rows=(rows[1],), rivals=(rival,))
+    rival = Component("clock", two, "off")
+    finding = Finding(Component("names", one, "loopback", two), proof=(rows[0],), rows=(rows[1],), rivals=(rival,))
     diagnosis = Diagnosis((finding,), unexplained=(rows[3],))
-    data = json.loads(json.dumps(Judgement(summarise(rows, [one, two], 2), diagnosis, rows, None, 0.0).as_data()))
+    data = json.loads(json.dumps(FleetJudgement(summarise(rows, [one, two], 2), diagnosis, rows, None, 0.0).as_data()))
     assert (data["verdict"], data["computers"], len(data["rows"])) == (FAILED, [one, two], 4)
     assert data["result"] == "FAILED: 3 of 4 checks failed."
     (entry,) = data["findings"]

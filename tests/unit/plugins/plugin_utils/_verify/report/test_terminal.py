@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     WARNING,
     Row,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Part
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.terminal import render
@@ -32,14 +32,14 @@ ROWS = [
     Row("topic_heard", ONE, TWO, UNKNOWN, "a message", "left out by multimaster_filters"),
     Row("rpc_port", TWO, ONE, FAILED, "TCP port 11611 of 192.168.1.229 opens", "no answer"),
 ]
-CLOCKS = Part("clock", ONE, "off"), Part("clock", TWO, "off")
+CLOCKS = Component("clock", ONE, "off"), Component("clock", TWO, "off")
 CHANGED = "/etc/hosts was changed 2026-11-22 09:12:44 UTC"
 DIAGNOSIS = Diagnosis(
     (
-        Finding(Part("names", ONE, "loopback", TWO), proof=(ROWS[2],), rows=(ROWS[4],), since=CHANGED),
-        Finding(Part("names", TWO, "loopback", ONE), proof=(ROWS[3],)),
+        Finding(Component("names", ONE, "loopback", TWO), proof=(ROWS[2],), rows=(ROWS[4],), since=CHANGED),
+        Finding(Component("names", TWO, "loopback", ONE), proof=(ROWS[3],)),
         Finding(CLOCKS[0], WARNING, rivals=CLOCKS[1:], rows=(ROWS[6],), passed=("name", "ping_name")),
-        Finding(Part("declaration", "kobuki1", "narrow", "the test topic"), UNKNOWN, proof=(ROWS[7],)),
+        Finding(Component("declaration", "kobuki1", "narrow", "the test topic"), UNKNOWN, proof=(ROWS[7],)),
     ),
     unexplained=(ROWS[8],),
 )
@@ -107,8 +107,8 @@ def test_report():
 
 
 def test_many_names_are_counted():
-    also = tuple(Part("names", ONE, "unknown", f"robot{number}") for number in range(9))
-    found = Finding(Part("names", ONE, "unknown", TWO), also=also)
+    also = tuple(Component("names", ONE, "unknown", f"robot{number}") for number in range(9))
+    found = Finding(Component("names", ONE, "unknown", TWO), also=also)
     assert mentions(found.sentence(), ONE, TWO, "robot0", "robot1", "robot2", "6")
 
 
@@ -135,7 +135,7 @@ def test_large_fleets_stay_readable():
         )
         for two in names[:40]
     }
-    diagnosis = Diagnosis(tuple(Finding(Part("computer", two, "off"), rows=of) for two, of in rows.items()))
+    diagnosis = Diagnosis(tuple(Finding(Component("computer", two, "off"), rows=of) for two, of in rows.items()))
     text = render(summarise([row for of in rows.values() for row in of], names, 100), diagnosis)
     assert "from / to" not in text
     assert "ping by address (99) fail" in text and "and 20 more: all are in the file" in text

@@ -34,7 +34,7 @@ def test_durations_are_read_with_and_without_a_unit():
 
 @pytest.mark.parametrize("text", ["", "0", "5s", "1w", "8d", "-3m", "15 min", "1e3"])
 def test_another_text_is_refused_in_one_sentence(text):
-    with pytest.raises(progress.Unreadable, match="10s.*7d.*90s.*15m.*2h"):
+    with pytest.raises(progress.UnreadableDuration, match="10s.*7d.*90s.*15m.*2h"):
         progress.plan_rounds(text)
 
 

@@ -70,7 +70,7 @@ _ANY_DEAR = re.compile(f"[{re.escape(_DEAR)}]")
 _TIME = re.compile(r"[-+0-9T:Z. ]{0,40}\Z")
 
 
-class Refusal(ValueError):
+class BoundRefusal(ValueError):
     """A call that is not carried out. `bound`: the row of the table that it exceeds, "" where it is no size."""
 
     def __init__(self, text: str, bound: str = "") -> None:
@@ -78,11 +78,11 @@ class Refusal(ValueError):
         self.bound = bound
 
 
-def refuse(bound: str, whose: str) -> Refusal:
+def refuse(bound: str, whose: str) -> BoundRefusal:
     """Make the refusal of something that exceeds a bound."""
     most, what = BOUNDS[bound]
     shown = f"{most // MIB} MiB" if most >= MIB else f"{most:,}"
-    return Refusal(f"{whose} is more than the roscore takes: at most {shown} ({what})", bound)
+    return BoundRefusal(f"{whose} is more than the roscore takes: at most {shown} ({what})", bound)
 
 
 def weigh(value: Any) -> int:
@@ -108,13 +108,13 @@ def _weigh(value: Any, depth: int, name: str) -> int:
         return _LIST + 3 * len(data)
     time = getattr(value, "value", None)
     if isinstance(time, str) and not _TIME.match(time):  # xmlrpc.client.DateTime takes any text, and writes it as it is
-        raise Refusal(f"{name} has a time that is none")
+        raise BoundRefusal(f"{name} has a time that is none")
     return _NUMBER if not isinstance(value, int) or -(2**63) <= value < 2**64 else _NUMBER + 800
 
 
 def _weigh_key(key: Any, name: str) -> int:
     if not isinstance(key, str):
-        raise Refusal(f"{name} has a mapping with a name that is no text")
+        raise BoundRefusal(f"{name} has a mapping with a name that is no text")
     return weigh_text(key)
 
 
@@ -145,7 +145,7 @@ class Usage:
         self._single: Dict[Tuple[str, str], int] = {}  # (kind, name) of what each name has once: its weight
 
     def growth(self, tree: Dict[str, Any], name: str, value: Any) -> int:
-        """How much heavier the tree of parameters gets with this value. Raises Refusal."""
+        """How much heavier the tree of parameters gets with this value. Raises BoundRefusal."""
         parts = split_name(name)
         if len(parts) > BOUNDS["depth"].most:
             raise refuse("depth", name)
@@ -204,7 +204,7 @@ def weigh_parameter(tree: Dict[str, Any], name: str) -> int:
 
 
 def check_names(texts: Iterable[Any], whole: bool = False) -> None:
-    """Raise Refusal where one of these names, types or URIs is too long. rosmaster answers what is no text.
+    """Raise BoundRefusal where one of these names, types or URIs is too long. rosmaster answers what is no text.
 
     `whole`: the names have the namespace of their caller in them.
     """

@@ -63,7 +63,7 @@ class Holdings:
         return self._shares["registrations"].have_room(_party(robot), weigh_registration(*texts))
 
     def check(self, robot: Owner, name: str, *texts: str) -> None:
-        """Raise Refusal where a robot has no room for one more registration with these texts."""
+        """Raise BoundRefusal where a robot has no room for one more registration with these texts."""
         self._check("registrations", robot, name, weigh_registration(*texts))
 
     def note(self, record: Record, growth: int) -> None:
@@ -93,7 +93,7 @@ class Holdings:
     # Parameters
 
     def plan_set(self, tree: Mapping[str, Any], name: str, growth: int, robot: Owner) -> Change:
-        """Plan that a robot sets a parameter. Raises Refusal where it has no room.
+        """Plan that a robot sets a parameter. Raises BoundRefusal where it has no room.
 
         `growth`: what that adds to the sum.
         """

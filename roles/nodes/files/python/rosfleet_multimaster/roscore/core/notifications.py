@@ -27,7 +27,7 @@ PATIENCE = 60.0  # seconds after which what waits for such a node is dropped
 Key = Tuple[str, str]  # method, and the topic or parameter
 
 
-class Call(NamedTuple):
+class NodeCall(NamedTuple):
     """One call of a node."""
 
     uri: str
@@ -42,7 +42,7 @@ class _Node:
 
     def __init__(self, host: str) -> None:
         self.host, self.busy = host, False
-        self.waiting: OrderedDict[Key, Call] = OrderedDict()
+        self.waiting: OrderedDict[Key, NodeCall] = OrderedDict()
         self.history: Dict[Key, Tuple[float, float]] = {}  # key -> time of its last call, and the pause after that
         self.silent_since: Optional[float] = None
         self.again, self.pause = 0.0, RETRY
@@ -64,11 +64,11 @@ class Notifications:
             node = self._nodes[uri] = _Node(host)
         before = node.waiting.pop((method, name), None)
         changes = 1 if before is None else before.changes + 1
-        node.waiting[method, name] = Call(uri, method, arguments, (method, name), changes)
+        node.waiting[method, name] = NodeCall(uri, method, arguments, (method, name), changes)
         if not node.busy:
             self._ready.setdefault(uri)
 
-    def next(self, now: float) -> Tuple[Optional[Call], Optional[float]]:
+    def next(self, now: float) -> Tuple[Optional[NodeCall], Optional[float]]:
         """The call to make now, or the time at which there may be one. (None, None): `add` or `finish` brings the next one."""
         earliest: Optional[float] = None
         room = {host: self._next_slot(calls, now) for host, calls in self._busy.items()}
@@ -82,7 +82,7 @@ class Notifications:
             earliest = due if earliest is None else min(due, earliest)
         return None, earliest
 
-    def finish(self, call: Call, now: float, answered: bool, gone: bool = False) -> None:
+    def finish(self, call: NodeCall, now: float, answered: bool, gone: bool = False) -> None:
         """End a call. `answered`: in time; `gone`: its port is closed."""
         node = self._nodes[call.uri]
         node.busy = False
@@ -149,7 +149,7 @@ class Notifications:
         if node.silent_since is not None:
             self._slow.add(uri)
 
-    def _note_silence(self, node: _Node, call: Call, now: float) -> None:
+    def _note_silence(self, node: _Node, call: NodeCall, now: float) -> None:
         if node.silent_since is None:
             node.silent_since = now
         node.again, node.pause = now + node.pause, min(2 * node.pause, LATEST)
