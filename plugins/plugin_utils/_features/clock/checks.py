@@ -10,33 +10,35 @@ from ..._verify.checks.discovery_nodes import rate_offset
 from ..._verify.checks.engine import FAILED, OK, Check, Judgement
 from ..._verify.checks.hooks import CheckHooks
 from ..._verify.context import needs
-from ..._verify.context.case import Case
+from ..._verify.context.check_context import CheckContext
 from ..._verify.context.needs import Parts, make_parts
 from ..._verify.observe.observations import TimeSource
 from .model import Clock
 
 
-def _is_asked(case: Case) -> bool:
+def _is_asked(context: CheckContext) -> bool:
     return (
-        case.observer.is_probed and Clock.find(case.observer.plan) is not None and case.probe.clock.answers is not None
+        context.observer.is_probed
+        and Clock.find(context.observer.plan) is not None
+        and context.probe.clock.answers is not None
     )
 
 
-def _find_own(case: Case, clock: Clock) -> TimeSource | None:
+def _find_own(context: CheckContext, clock: Clock) -> TimeSource | None:
     """Return the planned source, if the computer asks it."""
-    return next((source for source in case.probe.clock.sources if source.address == str(clock.server)), None)
+    return next((source for source in context.probe.clock.sources if source.address == str(clock.server)), None)
 
 
-def _list_strange(case: Case, clock: Clock) -> list[str]:
+def _list_strange(context: CheckContext, clock: Clock) -> list[str]:
     """List the addresses that the clock follows instead of the planned one."""
-    followed = [source.address for source in case.probe.clock.sources if source.selected]
+    followed = [source.address for source in context.probe.clock.sources if source.selected]
     others = [address for address in followed if address != str(clock.server)]
-    return others or ([] if _find_own(case, clock) else ["nobody"])
+    return others or ([] if _find_own(context, clock) else ["nobody"])
 
 
-def list_parts(case: Case, computer: str) -> Parts:
+def list_parts(context: CheckContext, computer: str) -> Parts:
     """List what keeps a computer from the fleet's time, where it has one."""
-    plan = case.fleet.computers.get(computer)
+    plan = context.fleet.computers.get(computer)
     clock = Clock.find(plan) if plan else None
     if clock is None:
         return frozenset()
@@ -45,20 +47,22 @@ def list_parts(case: Case, computer: str) -> Parts:
     )
 
 
-def _silence(case: Case) -> Parts:
+def _silence(context: CheckContext) -> Parts:
     """The source does not answer: its chrony, or something on the way."""
-    clock = Clock.find(case.observer.plan)
+    clock = Clock.find(context.observer.plan)
     if clock is None:
         return frozenset()
-    return make_parts("time_source", clock.source, "none", "mute") | needs.way(case, case.observer.name, clock.source)
+    return make_parts("time_source", clock.source, "none", "mute") | needs.way(
+        context, context.observer.name, clock.source
+    )
 
 
-def _needs(case: Case) -> Parts:
+def _needs(context: CheckContext) -> Parts:
     """A source that runs says nothing of its answers."""
-    clock, name = Clock.find(case.observer.plan), case.observer.name
+    clock, name = Clock.find(context.observer.plan), context.observer.name
     if clock is None or clock.server is None:
         return make_parts("time_source", name, "none")
-    return list_parts(case, name) | _silence(case)
+    return list_parts(context, name) | _silence(context)
 
 
 @Check(
@@ -68,16 +72,16 @@ def _needs(case: Case) -> Parts:
     needs=_needs,
     suspects=_silence,
 )
-def _judge_time_source(case: Case) -> Judgement | None:
-    clock, name = Clock.find(case.observer.plan), case.observer.name
+def _judge_time_source(context: CheckContext) -> Judgement | None:
+    clock, name = Clock.find(context.observer.plan), context.observer.name
     if clock is None:
         return None
     expected = f"it follows {clock.source} ({clock.server})" if clock.server else "a time service that answers"
-    if not case.probe.clock.answers:
+    if not context.probe.clock.answers:
         return Judgement(FAILED, expected, "no time service answers", make_parts("time_source", name, "none"))
     if clock.server is None:
-        return Judgement(OK, expected, case.probe.clock.service)
-    strange, own = _list_strange(case, clock), _find_own(case, clock)
+        return Judgement(OK, expected, context.probe.clock.service)
+    strange, own = _list_strange(context, clock), _find_own(context, clock)
     if strange or own is None:
         parts = make_parts("time_source", name, "wrong", what=shorten_list(strange))
         return Judgement(FAILED, expected, f"it follows {shorten_list(strange)}", parts)

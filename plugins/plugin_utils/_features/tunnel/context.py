@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from ..._verify.components.parts import Component
-from ..._verify.context.case import Case
+from ..._verify.context.check_context import CheckContext
 from ..._verify.context.hooks import ContextHooks
 from ..._verify.context.needs import FORWARDER, Parts, join_parts, make_parts
 from .components import ENDED
@@ -18,28 +18,30 @@ from .model import Tunnel
 MODES = ("ended", "peer", "key", "silent", "clock", "mtu", "beside")
 
 
-def list_way_parts(case: Case, places: Iterable[str]) -> Parts:
+def list_way_parts(context: CheckContext, places: Iterable[str]) -> Parts:
     """List the parts of the tunnel between two computers of the common network, where that is one, and of its hub."""
-    ends = [place for place in places if place in case.fleet.computers and Tunnel.find(case.fleet.computers[place])]
+    ends = [
+        place for place in places if place in context.fleet.computers and Tunnel.find(context.fleet.computers[place])
+    ]
     if len(ends) != 2:
         return frozenset()
-    hub = _find_hub(case, *ends)
+    hub = _find_hub(context, *ends)
     stops = [ends[0], hub, ends[1]] if hub else ends
     own = join_parts(make_parts("tunnel", stop, *MODES) for stop in stops)
     own |= {Component(kind, hub, mode) for kind, mode in FORWARDER if hub}
     return own | {Component.from_pair("tunnel", "pair", *leg) for leg in pairwise(stops)}
 
 
-def _find_hub(case: Case, one: str, other: str) -> str:
+def _find_hub(context: CheckContext, one: str, other: str) -> str:
     """Return the computer through which two reach each other in the tunnel; empty where they do so directly."""
-    tunnel, target = (Tunnel.find(case.fleet.computers[name]) for name in (one, other))
+    tunnel, target = (Tunnel.find(context.fleet.computers[name]) for name in (one, other))
     carrier = tunnel.find_carrier(target.address) if tunnel and target else ""
     return "" if carrier == other else carrier
 
 
-def list_large_parts(case: Case, place: str) -> Parts:
+def list_large_parts(context: CheckContext, place: str) -> Parts:
     """List what loses only large packets at the place of a tunnel."""
-    plan = case.fleet.computers.get(place)
+    plan = context.fleet.computers.get(place)
     return make_parts("tunnel", place, "mtu") if plan and Tunnel.find(plan) else frozenset()
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from ..._plan.model import COMMON
 from ..context import needs
 from ..context.actual_world import DOWN
-from ..context.case import Case
+from ..context.check_context import CheckContext
 from ..context.needs import Parts, join_parts, make_parts, make_service_part
 from ..context.packet_filters import ROSCORE
 from ..observe.observations import DefaultRoute, ForwardingInterface, ServiceState
@@ -19,24 +19,24 @@ from .engine import FAILED, OK, UNKNOWN, WARNING, Check, Judgement, judge_fault
 # The kernel of gateways and of the router
 
 
-def _interfaces(case: Case) -> list[ForwardingInterface]:
+def _interfaces(context: CheckContext) -> list[ForwardingInterface]:
     """List the observer's interfaces on the networks of the plan."""
-    planned = {str(entry.address) for entry in case.observer.plan.networks}
-    return [entry for entry in case.observer.interfaces if planned & set(entry.addresses)]
+    planned = {str(entry.address) for entry in context.observer.plan.networks}
+    return [entry for entry in context.observer.interfaces if planned & set(entry.addresses)]
 
 
 @Check(
     title="gateways and the router pass packets on",
-    when=lambda case: case.observer.is_probed and case.observer.plan.forwards,
-    needs=lambda case: make_parts("forwarding", case.observer.name, "off"),
+    when=lambda context: context.observer.is_probed and context.observer.plan.forwards,
+    needs=lambda context: make_parts("forwarding", context.observer.name, "off"),
 )
-def _judge_forwarding(case: Case) -> Judgement:
-    ip_forward, name = case.probe.forwarding.ip_forward, case.observer.name
+def _judge_forwarding(context: CheckContext) -> Judgement:
+    ip_forward, name = context.probe.forwarding.ip_forward, context.observer.name
     expected = "net.ipv4.ip_forward is 1"
     if ip_forward is None:
         unread = make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
         return Judgement(UNKNOWN, expected, "it cannot be read", unread)
-    closed = [entry.interface for entry in _interfaces(case) if entry.forwarding == 0]
+    closed = [entry.interface for entry in _interfaces(context) if entry.forwarding == 0]
     found = f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0" if ip_forward and closed else str(ip_forward)
     good = ip_forward and not closed
     return Judgement(OK if good else FAILED, expected, found, make_parts("forwarding", name, "off"))
@@ -45,20 +45,20 @@ def _judge_forwarding(case: Case) -> Judgement:
 # Reachable
 
 
-def _reachable_needs(case: Case) -> Parts:
-    return make_parts("computer", case.observer.name, "off", "login")
+def _reachable_needs(context: CheckContext) -> Parts:
+    return make_parts("computer", context.observer.name, "off", "login")
 
 
-def _reachable_suspects(case: Case) -> Parts:
+def _reachable_suspects(context: CheckContext) -> Parts:
     """The controller may be on the other side of the gateway, or not."""
-    name, plan = case.observer.name, case.observer.plan
-    parts = _reachable_needs(case) | make_parts("interface", name, "address", "prefix")
-    for network in [case.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
+    name, plan = context.observer.name, context.observer.plan
+    parts = _reachable_needs(context) | make_parts("interface", name, "address", "prefix")
+    for network in [context.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
         parts |= make_parts("link", name, "down", what=network) | make_parts("network", network, "dead")
-    if gateway := case.ways.find_gateway(name):
+    if gateway := context.ways.find_gateway(name):
         parts |= make_parts("computer", gateway.title, "off") | make_parts("forwarding", gateway.title, "off")
         parts |= make_parts("filter", gateway.title, "forward") | make_parts("route", name, "missing", "other")
-        parts |= make_parts("link", gateway.title, "down", what=case.ways.network(plan.robot))
+        parts |= make_parts("link", gateway.title, "down", what=context.ways.network(plan.robot))
     return parts
 
 
@@ -67,17 +67,17 @@ def _reachable_suspects(case: Case) -> Parts:
     needs=_reachable_needs,
     suspects=_reachable_suspects,
 )
-def _judge_reachable(case: Case) -> Judgement:
-    if case.observer.seen.unreachable:
-        return Judgement(FAILED, "an answer to the controller", case.observer.seen.problem or "no answer")
+def _judge_reachable(context: CheckContext) -> Judgement:
+    if context.observer.seen.unreachable:
+        return Judgement(FAILED, "an answer to the controller", context.observer.seen.problem or "no answer")
     return Judgement(OK, "an answer to the controller", "an answer")
 
 
 # Services
 
 
-def _has_services(case: Case) -> bool:
-    return case.observer.is_probed and bool(case.observer.plan.services_with_routing)
+def _has_services(context: CheckContext) -> bool:
+    return context.observer.is_probed and bool(context.observer.plan.services_with_routing)
 
 
 def _is_full(entry: ServiceState) -> bool:
@@ -85,9 +85,9 @@ def _is_full(entry: ServiceState) -> bool:
     return entry.open_files is not None and entry.most_files is not None and entry.most_files - entry.open_files <= 1
 
 
-def _was_started_again(case: Case, entry: ServiceState) -> bool:
+def _was_started_again(context: CheckContext, entry: ServiceState) -> bool:
     """Return True if systemd has started it again lately: what was before the last verification is told no more."""
-    return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= case.state.lately
+    return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= context.state.lately
 
 
 #: the Result of systemd -> who ended a service, and why
@@ -114,13 +114,13 @@ def _describe_state(entry: ServiceState) -> str:
     return state + _describe_end(entry)
 
 
-def _inactive_parts(case: Case, service: str, entry: ServiceState | None) -> Parts:
-    name, unit = case.observer.name, f"multimaster-{service}.service"
+def _inactive_parts(context: CheckContext, service: str, entry: ServiceState | None) -> Parts:
+    name, unit = context.observer.name, f"multimaster-{service}.service"
     if entry is not None and entry.load_state == "not-found":
         return make_parts("service", name, "missing", what=unit)
     if entry is not None and entry.active_state == "activating" and entry.restarts:
         return make_parts("service", name, "looping", what=unit)
-    if service == "roscore" and case.probe.roscore.answer:
+    if service == "roscore" and context.probe.roscore.answer:
         return make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
     return _service_down_parts(name, service)
 
@@ -136,34 +136,34 @@ def _service_down_parts(computer: str, service: str) -> Parts:
     title="services are active",
     when=_has_services,
     of_site=True,
-    needs=lambda case: join_parts(
-        _service_down_parts(case.observer.name, service) for service in case.observer.plan.services_with_routing
+    needs=lambda context: join_parts(
+        _service_down_parts(context.observer.name, service) for service in context.observer.plan.services_with_routing
     ),
 )
-def _judge_services(case: Case) -> Judgement:
-    states = {entry.name: entry for entry in case.probe.services}
+def _judge_services(context: CheckContext) -> Judgement:
+    states = {entry.name: entry for entry in context.probe.services}
     if not states:
-        unasked = make_parts("computer", case.observer.name, "unmeasured")
+        unasked = make_parts("computer", context.observer.name, "unmeasured")
         return Judgement(UNKNOWN, "the state of the services", "systemd did not tell it", unasked)
     parts: Parts = frozenset()
     broken, restarted = [], []
-    for name in case.observer.plan.services_with_routing:
+    for name in context.observer.plan.services_with_routing:
         entry, unit = states.get(name), f"multimaster-{name}.service"
         if entry is None or entry.active_state != "active":
             broken.append(f"{unit} is {'unknown' if entry is None else _describe_state(entry)}")
-            parts |= _inactive_parts(case, name, entry)
+            parts |= _inactive_parts(context, name, entry)
         elif entry.stopped:
             broken.append(f"the process of {entry.unit} is stopped")
-            parts |= make_parts("service", case.observer.name, "stopped", what=unit)
+            parts |= make_parts("service", context.observer.name, "stopped", what=unit)
         elif _is_full(entry):
             broken.append(f"{entry.unit} has all of its {entry.most_files} files open")
-            parts |= make_parts("service", case.observer.name, "full", what=unit)
-        elif _was_started_again(case, entry):
+            parts |= make_parts("service", context.observer.name, "full", what=unit)
+        elif _was_started_again(context, entry):
             restarted.append(
                 f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all{_describe_end(entry)}"
             )
-            parts |= make_parts("service", case.observer.name, "restarting", what=unit)
-    expected = f"{', '.join(case.observer.plan.services_with_routing)} active"
+            parts |= make_parts("service", context.observer.name, "restarting", what=unit)
+    expected = f"{', '.join(context.observer.plan.services_with_routing)} active"
     if broken:
         return Judgement(FAILED, expected, ", ".join(broken), parts)
     return judge_fault(WARNING, f"{expected}, not started again", ", ".join(restarted), "all active", parts)
@@ -173,20 +173,20 @@ def _judge_services(case: Case) -> Judgement:
     title="services run with the planned environment",
     when=_has_services,
     of_site=True,
-    needs=lambda case: make_parts("environment", case.observer.name, "service"),
+    needs=lambda context: make_parts("environment", context.observer.name, "service"),
 )
-def _judge_environment(case: Case) -> Judgement | None:
-    running = [entry for entry in case.probe.services if entry.active_state == "active"]
+def _judge_environment(context: CheckContext) -> Judgement | None:
+    running = [entry for entry in context.probe.services if entry.active_state == "active"]
     if not running:
         return None
     expected = "the planned environment in every service"
     differing = [f"{', '.join(entry.differing)} of {entry.unit}" for entry in running if entry.differing]
     closed = [entry.unit for entry in running if entry.differing is None]
     if closed and not differing:
-        unread = make_parts("setting", case.observer.name, "unread", what="the environment of a service")
+        unread = make_parts("setting", context.observer.name, "unread", what="the environment of a service")
         return Judgement(UNKNOWN, expected, f"the process of {', '.join(closed)} cannot be looked at", unread)
     names = ", ".join(sorted({name for entry in running for name in entry.differing or ()}))
-    parts = make_parts("environment", case.observer.name, "service", what=names)
+    parts = make_parts("environment", context.observer.name, "service", what=names)
     return judge_fault(FAILED, expected, "; ".join(differing), "the same", parts)
 
 
@@ -195,100 +195,110 @@ def _judge_environment(case: Case) -> Judgement | None:
 
 @Check(
     title="computer could be looked at",
-    when=lambda case: not case.observer.seen.unreachable,
-    needs=lambda case: make_parts("computer", case.observer.name, "unmeasured"),
+    when=lambda context: not context.observer.seen.unreachable,
+    needs=lambda context: make_parts("computer", context.observer.name, "unmeasured"),
 )
-def _judge_measured(case: Case) -> Judgement:
-    seen = case.observer.seen
+def _judge_measured(context: CheckContext) -> Judgement:
+    seen = context.observer.seen
     problems = list(seen.probe.problems) if seen.probe is not None else []
     first = (seen.problem or next(iter(problems), "")).rstrip(".")
-    measures_udp = case.own is not None and case.own.discovery
+    measures_udp = context.own is not None and context.own.discovery
     if seen.probe is None or (seen.multicast is None and measures_udp) or seen.problem:
         problems.insert(0, seen.problem or "a measurement gave no result")
     expected, good = (
         ("results of both measurements", "both") if measures_udp else ("a result of the measurement", "one")
     )
-    parts = make_parts("computer", case.observer.name, "unmeasured", what=first)
+    parts = make_parts("computer", context.observer.name, "unmeasured", what=first)
     return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good, parts)
 
 
 # Addresses
 
 
-def _find_missing_addresses(case: Case) -> list[str]:
-    present = {address for entry in case.observer.interfaces for address in entry.addresses}
-    return [str(entry.address) for entry in case.observer.plan.networks if str(entry.address) not in present]
+def _find_missing_addresses(context: CheckContext) -> list[str]:
+    present = {address for entry in context.observer.interfaces for address in entry.addresses}
+    return [str(entry.address) for entry in context.observer.plan.networks if str(entry.address) not in present]
 
 
-def _find_down_links(case: Case) -> list[str]:
-    networks = case.observer.interface_on.items()
+def _find_down_links(context: CheckContext) -> list[str]:
+    networks = context.observer.interface_on.items()
     return [network for network, interface in networks if interface.state in DOWN]
 
 
-def _find_dead_link(case: Case, network: str) -> Parts:
+def _find_dead_link(context: CheckContext, network: str) -> Parts:
     """Blame the network where no computer on it has a link. A single observed computer is not enough."""
-    states = [one.interface_on[network].state for one in case.run.values() if network in one.interface_on]
+    states = [one.interface_on[network].state for one in context.run.values() if network in one.interface_on]
     if len(states) < 2:
         return frozenset()
     if all(state in DOWN for state in states):
         return make_parts("network", network, "dead")
-    return make_parts("link", case.observer.name, "flapping" if _is_flapping(case, network) else "down", what=network)
+    return make_parts(
+        "link", context.observer.name, "flapping" if _is_flapping(context, network) else "down", what=network
+    )
 
 
-def _is_flapping(case: Case, network: str) -> bool:
+def _is_flapping(context: CheckContext, network: str) -> bool:
     """Return True if a link that is down now has carried answers in the same run, to others on its network."""
-    name = case.observer.name
-    near = (one for one in case.run.values() if one.name != name and network in one.interface_on)
+    name = context.observer.name
+    near = (one for one in context.run.values() if one.name != name and network in one.interface_on)
     return any(name in one.answered for one in near)
 
 
-def _addresses_suspects(case: Case) -> Parts:
-    down = _find_down_links(case)
-    links = join_parts(make_parts("link", case.observer.name, "down", what=network) for network in down)
+def _addresses_suspects(context: CheckContext) -> Parts:
+    down = _find_down_links(context)
+    links = join_parts(make_parts("link", context.observer.name, "down", what=network) for network in down)
     return links | join_parts(make_parts("network", network, "dead") for network in down)
 
 
-def _addresses_needs(case: Case) -> Parts:
+def _addresses_needs(context: CheckContext) -> Parts:
     """A link is cleared only where its state was read as up."""
-    networks = case.observer.interface_on.items()
+    networks = context.observer.interface_on.items()
     up = join_parts(
-        make_parts("link", case.observer.name, "down", what=network) for network, seen in networks if seen.state == "up"
+        make_parts("link", context.observer.name, "down", what=network)
+        for network, seen in networks
+        if seen.state == "up"
     )
-    return make_parts("interface", case.observer.name, "address", "prefix") | up
+    return make_parts("interface", context.observer.name, "address", "prefix") | up
 
 
 @Check(
     title="interfaces have the planned addresses",
-    when=lambda case: bool(case.observer.interfaces),
+    when=lambda context: bool(context.observer.interfaces),
     needs=_addresses_needs,
     suspects=_addresses_suspects,
 )
-def _judge_addresses(case: Case) -> Judgement:
-    expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in case.observer.plan.networks)
-    missing, down, sizes = _find_missing_addresses(case), _find_down_links(case), case.observer.find_wrong_prefixes()
+def _judge_addresses(context: CheckContext) -> Judgement:
+    expected = ", ".join(f"{entry.address}/{entry.network.prefixlen}" for entry in context.observer.plan.networks)
+    missing, down, sizes = (
+        _find_missing_addresses(context),
+        _find_down_links(context),
+        context.observer.find_wrong_prefixes(),
+    )
     problems = [f"no interface has {address}" for address in missing]
-    on_ports = case.observer.list_ports()
+    on_ports = context.observer.list_ports()
     ports = [f"{address} is on {port.interface}, a port of {port.port_of}" for address, port in on_ports]
     problems += [*ports, *(f"the link to {network} is down" for network in down)]
     problems += [f"{address}/{size}" for _name, address, size, _planned in sizes]
     modes = [mode for mode, wrong in (("address", missing), ("port", ports), ("prefix", sizes)) if wrong]
-    parts = make_parts("interface", case.observer.name, *modes) | join_parts(_find_dead_link(case, one) for one in down)
+    parts = make_parts("interface", context.observer.name, *modes) | join_parts(
+        _find_dead_link(context, one) for one in down
+    )
     # Where it does harm, other checks fail. A robot alone works without any network.
     return judge_fault(WARNING, expected, ", ".join(problems), "all of them", parts)
 
 
 @Check(
     title="interfaces have the MTU of the others",
-    when=lambda case: bool(case.observer.mtus),
-    needs=lambda case: join_parts(
-        make_parts("interface", case.observer.name, "mtu", what=network) for network in case.observer.mtus
+    when=lambda context: bool(context.observer.mtus),
+    needs=lambda context: join_parts(
+        make_parts("interface", context.observer.name, "mtu", what=network) for network in context.observer.mtus
     ),
 )
-def _judge_mtu(case: Case) -> Judgement:
-    usual = case.state.usual
-    odd = {network: mtu for network, mtu in case.observer.mtus.items() if mtu != usual[network]}
+def _judge_mtu(context: CheckContext) -> Judgement:
+    usual = context.state.usual
+    odd = {network: mtu for network, mtu in context.observer.mtus.items() if mtu != usual[network]}
     found = "; ".join(f"{mtu} on {network}, where most have {usual[network]}" for network, mtu in odd.items())
-    parts = join_parts(make_parts("interface", case.observer.name, "mtu", what=network) for network in odd)
+    parts = join_parts(make_parts("interface", context.observer.name, "mtu", what=network) for network in odd)
     return judge_fault(WARNING, "the MTU of the others", found, "the same", parts)
 
 
@@ -297,54 +307,56 @@ def _judge_mtu(case: Case) -> Judgement:
 
 @Check(
     title="no strict reverse-path filter",
-    when=lambda case: case.observer.is_probed and case.observer.plan.forwards,
-    needs=lambda case: make_parts("reverse_path", case.observer.name, "strict"),
+    when=lambda context: context.observer.is_probed and context.observer.plan.forwards,
+    needs=lambda context: make_parts("reverse_path", context.observer.name, "strict"),
 )
-def _judge_reverse_path(case: Case) -> Judgement:
-    strict = [entry.interface for entry in _interfaces(case) if entry.rp_filter == 1]
+def _judge_reverse_path(context: CheckContext) -> Judgement:
+    strict = [entry.interface for entry in _interfaces(context) if entry.rp_filter == 1]
     found = f"a strict one on {', '.join(strict)}" if strict else ""
-    parts = make_parts("reverse_path", case.observer.name, "strict")
+    parts = make_parts("reverse_path", context.observer.name, "strict")
     return judge_fault(WARNING, "a loose reverse-path filter, or none", found, "no strict one", parts)
 
 
 @Check(
     title="router sends no redirects",
-    when=lambda case: case.observer.is_probed and case.observer.plan.is_router,
+    when=lambda context: context.observer.is_probed and context.observer.plan.is_router,
 )
-def _judge_redirects(case: Case) -> Judgement:
-    sending = [entry.interface for entry in _interfaces(case) if entry.send_redirects]
+def _judge_redirects(context: CheckContext) -> Judgement:
+    sending = [entry.interface for entry in _interfaces(context) if entry.send_redirects]
     found = f"they are sent on {', '.join(sending)}" if sending else ""
-    return judge_fault(WARNING, "no ICMP redirects", found, "none", make_parts("redirects", case.observer.name, "sent"))
+    return judge_fault(
+        WARNING, "no ICMP redirects", found, "none", make_parts("redirects", context.observer.name, "sent")
+    )
 
 
 @Check(
     title="kernel answers pings",
-    needs=lambda case: make_parts("setting", case.observer.name, "icmp_all"),
+    needs=lambda context: make_parts("setting", context.observer.name, "icmp_all"),
 )
-def _judge_answers_pings(case: Case) -> Judgement | None:
-    ignored = case.probe.forwarding.icmp_echo_ignore_all
+def _judge_answers_pings(context: CheckContext) -> Judgement | None:
+    ignored = context.probe.forwarding.icmp_echo_ignore_all
     if ignored is None:
         return None
-    expected, parts = "net.ipv4.icmp_echo_ignore_all is 0", make_parts("setting", case.observer.name, "icmp_all")
+    expected, parts = "net.ipv4.icmp_echo_ignore_all is 0", make_parts("setting", context.observer.name, "icmp_all")
     return Judgement(WARNING if ignored else OK, expected, str(ignored), parts)
 
 
 # Computers where nobody logs in
 
 
-def _list_sealed(case: Case) -> list[str]:
+def _list_sealed(context: CheckContext) -> list[str]:
     """List the sealed computers of the observer's robot, where the observer runs the nodes of that robot."""
-    plan = case.observer.plan
+    plan = context.observer.plan
     if not plan.is_master:
         return []
-    return [name for name, other in case.fleet.computers.items() if other.sealed and other.robot == plan.robot]
+    return [name for name, other in context.fleet.computers.items() if other.sealed and other.robot == plan.robot]
 
 
 @Check(
     title="sealed computer could be looked at",
 )
-def _judge_sealed(case: Case) -> Judgement | None:
-    names = _list_sealed(case)
+def _judge_sealed(context: CheckContext) -> Judgement | None:
+    names = _list_sealed(context)
     if not names:
         return None
     parts = join_parts(make_parts("computer", name, "sealed") for name in names)
@@ -354,42 +366,42 @@ def _judge_sealed(case: Case) -> Judgement | None:
 # The robot's roscore
 
 
-def _roscore_suspects(case: Case) -> Parts:
-    name, master = case.observer.name, case.masters[0]
-    return needs.roscore(case, name, master) - make_parts("roscore", master, "dead")
+def _roscore_suspects(context: CheckContext) -> Parts:
+    name, master = context.observer.name, context.masters[0]
+    return needs.roscore(context, name, master) - make_parts("roscore", master, "dead")
 
 
-def _find_own_filter(case: Case) -> Parts:
+def _find_own_filter(context: CheckContext) -> Parts:
     """Find the packet filter that keeps a computer from its own roscore: nobody waits there, and no connection opens."""
-    roscore = case.probe.roscore
-    if roscore.tcp_outcome != Outcome.NO_ANSWER or roscore.waiting != 0 or case.masters[0] != case.observer.name:
+    roscore = context.probe.roscore
+    if roscore.tcp_outcome != Outcome.NO_ANSWER or roscore.waiting != 0 or context.masters[0] != context.observer.name:
         return frozenset()
-    return make_parts("filter", case.observer.name, "roscore in")
+    return make_parts("filter", context.observer.name, "roscore in")
 
 
 @Check(
     title="ROS_MASTER_URI means the robot's roscore",
-    when=lambda case: case.observer.is_probed and not case.observer.lacks_ros,
+    when=lambda context: context.observer.is_probed and not context.observer.lacks_ros,
     carries=ROSCORE,
-    needs=lambda case: needs.roscore(case, case.observer.name, case.masters[0]),
+    needs=lambda context: needs.roscore(context, context.observer.name, context.masters[0]),
     suspects=_roscore_suspects,
 )
-def _judge_master_uri(case: Case) -> Judgement:
-    expected = case.fleet.master_of[case.observer.plan.robot].uri
-    named = case.fleet.master_uris[case.observer.plan.robot]  # a sealed roscore may have any of its names
-    roscore = case.probe.roscore
+def _judge_master_uri(context: CheckContext) -> Judgement:
+    expected = context.fleet.master_of[context.observer.plan.robot].uri
+    named = context.fleet.master_uris[context.observer.plan.robot]  # a sealed roscore may have any of its names
+    roscore = context.probe.roscore
     is_asked = is_same_uri(roscore.uri, expected)
-    shell = make_parts("environment", case.observer.name, "shell", what=f"ROS_MASTER_URI is {roscore.uri}")
+    shell = make_parts("environment", context.observer.name, "shell", what=f"ROS_MASTER_URI is {roscore.uri}")
     broken = shell if roscore.uri and not is_asked else frozenset()
     if roscore.error:
-        return Judgement(FAILED, expected, roscore.error, broken or _find_own_filter(case), roscore.outcome)
+        return Judgement(FAILED, expected, roscore.error, broken or _find_own_filter(context), roscore.outcome)
     good = is_one_of(roscore.answer, named) and is_asked
     found = (
         roscore.answer
         if is_same_uri(roscore.answer, roscore.uri)
         else f"ROS_MASTER_URI {roscore.uri}, and the roscore calls itself {roscore.answer}"
     )
-    broken = broken or make_parts("roscore", case.masters[0], "name", what=roscore.answer)
+    broken = broken or make_parts("roscore", context.masters[0], "name", what=roscore.answer)
     return Judgement(OK if good else FAILED, expected, found, broken, roscore.outcome)
 
 
@@ -400,15 +412,15 @@ ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources
 
 @Check(
     title="/etc/hosts is asked for names first",
-    needs=lambda case: make_parts("names", case.observer.name, "order"),
+    needs=lambda context: make_parts("names", context.observer.name, "order"),
 )
-def _judge_name_order(case: Case) -> Judgement | None:
-    sources = case.probe.name_sources
+def _judge_name_order(context: CheckContext) -> Judgement | None:
+    sources = context.probe.name_sources
     if not sources:
         return None
     before = sources[: sources.index("files")] if "files" in sources else sources
     first = not any(source.startswith(ASK_OTHERS) for source in before) and {"files", "resolve"} & set(sources)
-    parts = make_parts("names", case.observer.name, "order")
+    parts = make_parts("names", context.observer.name, "order")
     return Judgement(OK if first else WARNING, "files before dns", " ".join(sources), parts)
 
 
@@ -422,13 +434,13 @@ def _describe_route(route: DefaultRoute) -> str:
 
 @Check(
     title="one default route at most",
-    when=lambda case: case.observer.is_probed,
-    needs=lambda case: make_parts("route", case.observer.name, "defaults"),
+    when=lambda context: context.observer.is_probed,
+    needs=lambda context: make_parts("route", context.observer.name, "defaults"),
 )
-def _judge_default_routes(case: Case) -> Judgement:
-    routes = case.probe.default_routes
+def _judge_default_routes(context: CheckContext) -> Judgement:
+    routes = context.probe.default_routes
     found = ", ".join(map(_describe_route, routes)) or "none"
-    parts = make_parts("route", case.observer.name, "defaults")
+    parts = make_parts("route", context.observer.name, "defaults")
     return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found, parts)
 
 
@@ -437,14 +449,16 @@ def _judge_default_routes(case: Case) -> Judgement:
 
 @Check(
     title="the packet filter is as planned",
-    when=lambda case: case.observer.seen.packet_filter is not None,
+    when=lambda context: context.observer.seen.packet_filter is not None,
     of_site=True,
-    needs=lambda case: make_parts("filter", case.observer.name, "changed"),
+    needs=lambda context: make_parts("filter", context.observer.name, "changed"),
 )
-def _judge_packet_filter(case: Case) -> Judgement | None:
-    found = case.observer.seen.packet_filter
+def _judge_packet_filter(context: CheckContext) -> Judgement | None:
+    found = context.observer.seen.packet_filter
     if found is None:
         return None
-    expected = "the packet filter of the plan" if case.observer.plan.firewall else "no packet filter of the collection"
-    parts = make_parts("filter", case.observer.name, "changed")
+    expected = (
+        "the packet filter of the plan" if context.observer.plan.firewall else "no packet filter of the collection"
+    )
+    parts = make_parts("filter", context.observer.name, "changed")
     return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg, parts)

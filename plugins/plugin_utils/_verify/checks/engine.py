@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ..._plan.model import FleetPlan
-from ..context.case import Case, FleetState
+from ..context.check_context import CheckContext, FleetState
 from ..context.needs import Parts, make_parts
 from ..context.pairs import ALL, choose_pairs, number
 from ..observe.observations import Observation
@@ -68,7 +68,7 @@ def judge_fault(verdict: str, expected: str, found: str, fine: str, broken: Part
 Passed = Counter[tuple[str, str, tuple[str, ...]]]
 
 
-Judge = Callable[[Case], Judgement | None]
+Judge = Callable[[CheckContext], Judgement | None]
 
 
 @dataclass(frozen=True)
@@ -85,23 +85,23 @@ class Check:
 
     title: str
     scope: str = COMPUTER
-    when: Callable[[Case], bool] | None = None
+    when: Callable[[CheckContext], bool] | None = None
     of_site: bool = False
-    needs: Callable[[Case], Parts] = lambda case: frozenset()
-    suspects: Callable[[Case], Parts] | None = None
+    needs: Callable[[CheckContext], Parts] = lambda context: frozenset()
+    suspects: Callable[[CheckContext], Parts] | None = None
     carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
     shown: bool = False  # good results have rows, too
     id: str = ""  # the name of the judge without `_judge_`
-    judge: Judge = lambda case: None
+    judge: Judge = lambda context: None
 
-    def look(self, case: Case) -> Judgement | None:
-        """Judge a case; None where there is nothing to judge."""
-        if self.when and not self.when(case):
+    def look(self, context: CheckContext) -> Judgement | None:
+        """Judge a computer or pair by its context; None where there is nothing to judge."""
+        if self.when and not self.when(context):
             return None
-        if self.of_site and case.is_set_up_by_hand:
-            by_hand = make_parts("set_up", case.observer.name, "by_hand")
+        if self.of_site and context.is_set_up_by_hand:
+            by_hand = make_parts("set_up", context.observer.name, "by_hand")
             return Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up", by_hand)
-        return self.judge(case)
+        return self.judge(context)
 
     def __call__(self, judge: Judge) -> Check:
         """Return the check with its judge."""
@@ -141,33 +141,33 @@ class Verification:
 
         With `passed`, good results between two computers are only counted there: a million good rows help no reader.
         """
-        for checks, case in self._cases():
-            counts, good = passed is not None and case.target != case.observer.name, []
+        for checks, context in self._contexts():
+            counts, good = passed is not None and context.target != context.observer.name, []
             for check in checks:
-                judgement = check.look(case)
+                judgement = check.look(context)
                 if judgement is None:
                     continue
                 if counts and judgement.verdict == OK and not check.shown:
                     good.append(check.id)
                 else:
                     told = judgement.verdict, judgement.expected, judgement.found
-                    yield Row(check.id, case.observer.name, case.target, *told)
+                    yield Row(check.id, context.observer.name, context.target, *told)
             if passed is not None and counts:
-                own, its = case.robots
-                passed[own or case.observer.name, its or case.target, tuple(good)] += 1
+                own, its = context.robots
+                passed[own or context.observer.name, its or context.target, tuple(good)] += 1
 
-    def _cases(self) -> Iterator[tuple[Sequence[Check], Case]]:
-        """Make every case, with the checks that look at it."""
+    def _contexts(self) -> Iterator[tuple[Sequence[Check], CheckContext]]:
+        """Make each context, with the checks that look at it."""
         alone, itself, others = self._select(COMPUTER), self._select(ITSELF_TOO), self._select(ITSELF_TOO, MEMBER)
         own_master, masters = self._select(MASTER_TOO), self._select(*MASTERS)
         for observer in self.run.values():
             name, targets = observer.name, self.tried[observer.name]
-            yield alone, Case(self.state, observer, name)
+            yield alone, CheckContext(self.state, observer, name)
             for target in self.ways.members:
                 if target in targets or target == name:
-                    yield itself if target == name else others, Case(self.state, observer, target)
+                    yield itself if target == name else others, CheckContext(self.state, observer, target)
             for target, master in self.ways.master_at.items():
-                yield own_master if target == name else masters, Case(self.state, observer, target, master)
+                yield own_master if target == name else masters, CheckContext(self.state, observer, target, master)
 
     def _select(self, *scopes: str) -> list[Check]:
         return [check for check in self.checks.values() if check.scope in scopes]
@@ -189,12 +189,12 @@ class Verification:
             scopes += [MASTER_TOO] if observer == target else MASTERS
         return self._select(*scopes)
 
-    def case(self, check: Check, observer: str, target: str) -> Case:
-        """Make the case of one pair, as a check looks at it."""
+    def make_context(self, check: Check, observer: str, target: str) -> CheckContext:
+        """Make the context of one pair, as a check looks at it."""
         master = self.ways.master_at[target] if check.scope in MASTERS else None
-        return Case(self.state, self.run[observer], target, master)
+        return CheckContext(self.state, self.run[observer], target, master)
 
     def list_suspects(self, row: Row) -> Parts:
         """List the parts that may be the reason of a row."""
         check = self.checks[row.check]
-        return self.ways.seal((check.suspects or check.needs)(self.case(check, row.observer, row.target)))
+        return self.ways.seal((check.suspects or check.needs)(self.make_context(check, row.observer, row.target)))

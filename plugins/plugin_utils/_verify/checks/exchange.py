@@ -12,7 +12,7 @@ from itertools import islice
 from ..._base.sentences import shorten_list
 from ..components.parts import Component
 from ..context import needs, stages
-from ..context.case import Case
+from ..context.check_context import CheckContext
 from ..context.needs import Parts, join_parts, make_parts
 from ..context.registrations import TEST_NODES, Clash, Conflict, RegisteredItem
 from ..context.stages import Stage
@@ -27,22 +27,22 @@ MOST_PARTS = 100  # names or topics of two robots that are parts: hostile ones m
 # Hosts of nodes
 
 
-def _has_content(case: Case) -> bool:
-    return case.exchange is not None and not case.exchange.error
+def _has_content(context: CheckContext) -> bool:
+    return context.exchange is not None and not context.exchange.error
 
 
 @Check(
     title="nodes announce a host where others reach them",
     when=_has_content,
 )
-def _judge_node_hosts(case: Case) -> Judgement:
-    robot = case.observer.plan.robot
-    misplaced = case.state.misplaced.get(robot, {})
-    others = case.state.exchanges.robots.keys() - {robot}
+def _judge_node_hosts(context: CheckContext) -> Judgement:
+    robot = context.observer.plan.robot
+    misplaced = context.state.misplaced.get(robot, {})
+    others = context.state.exchanges.robots.keys() - {robot}
     # Somebody may mean it: a tool of the operator that uses the roscore of a robot is no failure.
     harmful = {node for node, one in misplaced.items() if one.mode != "robot"}
     is_given = bool(harmful) and any(
-        item.node in harmful for other in others for item in case.state.exchanges.find_due(robot, other)
+        item.node in harmful for other in others for item in context.state.exchanges.find_due(robot, other)
     )
     verdict = FAILED if is_given else WARNING
     found = shorten_list(map(str, misplaced.values()), NAMED)
@@ -52,10 +52,10 @@ def _judge_node_hosts(case: Case) -> Judgement:
 
 @Check(
     title="nodes use the roscore of their robot",
-    when=lambda case: case.observer.is_probed and not case.observer.plan.is_router,
+    when=lambda context: context.observer.is_probed and not context.observer.plan.is_router,
 )
-def _judge_node_roscores(case: Case) -> Judgement:
-    strays = case.state.strays.get(case.observer.name, [])
+def _judge_node_roscores(context: CheckContext) -> Judgement:
+    strays = context.state.strays.get(context.observer.name, [])
     parts = frozenset(one.part for one in strays)
     found = shorten_list(map(str, strays), NAMED)
     return judge_fault(WARNING, "the roscore of the robot", found, "only that", parts)
@@ -71,78 +71,81 @@ OWN_NODES = {
 }
 
 
-def _silent_suspects(case: Case) -> Parts:
+def _silent_suspects(context: CheckContext) -> Parts:
     """The nodes ended, or their computer is not reached. From a computer of the fleet a port that is gone refuses."""
-    one = case.observer.name
-    computers = (member.name for member in case.fleet.members if member.robot == case.observer.plan.robot)
-    silences = case.exchange.silences if case.exchange else ()
+    one = context.observer.name
+    computers = (member.name for member in context.fleet.members if member.robot == context.observer.plan.robot)
+    silences = context.exchange.silences if context.exchange else ()
     may_have_ended = not silences or any(
-        entry.outcome != Outcome.NO_ANSWER or (case.ways.name_at(entry.host) or entry.host) not in case.fleet.computers
+        entry.outcome != Outcome.NO_ANSWER
+        or (context.ways.name_at(entry.host) or entry.host) not in context.fleet.computers
         for entry in silences
     )
     ended = make_parts("registration", one, "ghost") if may_have_ended else frozenset()
-    return ended | join_parts(needs.node_connection_parts(case, one, other) for other in computers if other != one)
+    return ended | join_parts(needs.node_connection_parts(context, one, other) for other in computers if other != one)
 
 
-def _find_silent_parts(case: Case, exchange: Exchange) -> Parts:
+def _find_silent_parts(context: CheckContext, exchange: Exchange) -> Parts:
     """The collection's own nodes hang, or those of fkie_mas; services that do not run have a check of their own."""
     nodes = join_parts(
-        make_parts(kind, case.observer.name, "hung") for node, kind in OWN_NODES.items() if node in exchange.silent
+        make_parts(kind, context.observer.name, "hung") for node, kind in OWN_NODES.items() if node in exchange.silent
     )
-    misplaced = case.state.misplaced.get(case.observer.plan.robot, {})
+    misplaced = context.state.misplaced.get(context.observer.plan.robot, {})
     others = [entry for entry in exchange.silences if entry.node not in misplaced]
-    refused = [entry.node for entry in others if _has_ended(case, entry)]
-    ended = make_parts("registration", case.observer.name, "ghost", what=shorten_list(refused, NAMED))
-    people = join_parts(_find_people_parts(case, entry) for entry in others if not _is_ours(entry.node))
-    return nodes | stages.find_mute_talkers(case) | people | (ended if refused else frozenset())
+    refused = [entry.node for entry in others if _has_ended(context, entry)]
+    ended = make_parts("registration", context.observer.name, "ghost", what=shorten_list(refused, NAMED))
+    people = join_parts(_find_people_parts(context, entry) for entry in others if not _is_ours(entry.node))
+    return nodes | stages.find_mute_talkers(context) | people | (ended if refused else frozenset())
 
 
 def _is_ours(node: str) -> bool:
     return node in OWN_NODES or node.startswith(TEST_NODES)
 
 
-def _find_people_parts(case: Case, entry: SilentNode) -> Parts:
+def _find_people_parts(context: CheckContext, entry: SilentNode) -> Parts:
     """Find why a person's node does not answer: it takes connections and hangs, or a packet filter drops them."""
-    computer = case.ways.name_at(entry.host) or entry.host
-    if computer not in case.fleet.computers:
+    computer = context.ways.name_at(entry.host) or entry.host
+    if computer not in context.fleet.computers:
         return frozenset()
     if entry.tcp_outcome == Outcome.OPEN:
         return make_parts("node", computer, "hung", what=entry.node)
-    drop = case.state.filters.find_drop(case.observer.name, computer, "nodes")
-    is_dropped = drop is not None and entry.outcome != Outcome.ANSWERED and computer != case.observer.name
+    drop = context.state.filters.find_drop(context.observer.name, computer, "nodes")
+    is_dropped = drop is not None and entry.outcome != Outcome.ANSWERED and computer != context.observer.name
     return frozenset({drop}) if drop is not None and is_dropped else frozenset()
 
 
-def _has_ended(case: Case, entry: SilentNode) -> bool:
+def _has_ended(context: CheckContext, entry: SilentNode) -> bool:
     """Return True if a node has ended: its computer refuses the connection, and no packet filter does."""
-    filtered = case.state.filters.find_drop(case.observer.name, case.ways.name_at(entry.host) or entry.host, "nodes")
+    filtered = context.state.filters.find_drop(
+        context.observer.name, context.ways.name_at(entry.host) or entry.host, "nodes"
+    )
     return entry.outcome == Outcome.REFUSED and filtered is None
 
 
 @Check(
     title="registered nodes answer",
-    needs=lambda case: (
-        make_parts("sync", case.observer.name, "hung") | make_parts("discovery", case.observer.name, "hung")
+    needs=lambda context: (
+        make_parts("sync", context.observer.name, "hung") | make_parts("discovery", context.observer.name, "hung")
     ),
     suspects=_silent_suspects,
 )
-def _judge_nodes_answer(case: Case) -> Judgement | None:
-    if case.exchange is None or case.exchange.error:
+def _judge_nodes_answer(context: CheckContext) -> Judgement | None:
+    if context.exchange is None or context.exchange.error:
         return None
-    misplaced = case.state.misplaced.get(case.observer.plan.robot, {})
+    misplaced = context.state.misplaced.get(context.observer.plan.robot, {})
     expected = "every node that is registered answers"
-    silent = [node for node in case.exchange.silent if node not in misplaced]
+    silent = [node for node in context.exchange.silent if node not in misplaced]
     if not silent:
         return Judgement(OK, expected, "they answer")
-    broken = _find_silent_parts(case, case.exchange)
+    broken = _find_silent_parts(context, context.exchange)
     return Judgement(WARNING, expected, f"no answer of {shorten_list(silent, NAMED)}", broken)
 
 
 # Names
 
 
-def _has_both_contents(case: Case) -> bool:
-    return case.exchange is not None and all(robot in case.state.exchanges.robots for robot in case.robots)
+def _has_both_contents(context: CheckContext) -> bool:
+    return context.exchange is not None and all(robot in context.state.exchanges.robots for robot in context.robots)
 
 
 @Check(
@@ -150,9 +153,9 @@ def _has_both_contents(case: Case) -> bool:
     scope=ROSCORES,
     when=_has_both_contents,
 )
-def _judge_names(case: Case) -> Judgement:
-    own, its = case.robots
-    clashes = case.state.exchanges.clashes(its, own)
+def _judge_names(context: CheckContext) -> Judgement:
+    own, its = context.robots
+    clashes = context.state.exchanges.clashes(its, own)
     names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
     twins = frozenset(
         Component.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}")
@@ -171,28 +174,28 @@ def _describe_conflict(conflict: Conflict) -> str:
     return f"{conflict.topic} is {type_name} on both, with the md5 sum {its_sum} on {one} and {md5sum} on {other}"
 
 
-def _make_conflict_part(case: Case, conflict: Conflict) -> Component:
-    odd = case.state.exchanges.odd(conflict)
+def _make_conflict_part(context: CheckContext, conflict: Conflict) -> Component:
+    odd = context.state.exchanges.odd(conflict)
     if odd:
         return Component("messages", odd, "differ", conflict.topic)
-    return Component.from_pair("messages", "differ", *case.robots, what=conflict.topic)
+    return Component.from_pair("messages", "differ", *context.robots, what=conflict.topic)
 
 
 @Check(
     title="topics have the same type on both sides",
     scope=ROSCORES,
 )
-def _judge_types(case: Case) -> Judgement | None:
-    if case.exchange is None or not _has_both_contents(case):
+def _judge_types(context: CheckContext) -> Judgement | None:
+    if context.exchange is None or not _has_both_contents(context):
         return None
-    own, its = case.robots
-    conflicts, expected = case.state.exchanges.conflicts(its, own), "each topic has one type"
+    own, its = context.robots
+    conflicts, expected = context.state.exchanges.conflicts(its, own), "each topic has one type"
     if conflicts:
-        broken = frozenset(_make_conflict_part(case, conflict) for conflict in conflicts[:MOST_PARTS])
+        broken = frozenset(_make_conflict_part(context, conflict) for conflict in conflicts[:MOST_PARTS])
         return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED), broken)
-    error = case.exchange.types_error
+    error = context.exchange.types_error
     found = f"the md5 sums are not known: {error}" if error else ""
-    unread = make_parts("messages", case.observer.name, "unknown", what=error)
+    unread = make_parts("messages", context.observer.name, "unknown", what=error)
     return judge_fault(UNKNOWN, expected, found, "the same types", unread)
 
 
@@ -215,9 +218,9 @@ def _list_sharers(shared: Iterable[Clash]) -> Parts:
     scope=ROSCORES,
     when=_has_both_contents,
 )
-def _judge_shared_topics(case: Case) -> Judgement:
-    own, its = case.robots
-    shared = case.state.exchanges.find_shared_topics(its, own)
+def _judge_shared_topics(context: CheckContext) -> Judgement:
+    own, its = context.robots
+    shared = context.state.exchanges.find_shared_topics(its, own)
     found = shorten_list((f"{clash.name} of {' and of '.join(clash.robots)}" for clash in shared), NAMED)
     expected = "each topic is published by one robot"
     return judge_fault(WARNING, expected, found, "no topic of two robots", _list_sharers(shared))
@@ -231,9 +234,9 @@ def _judge_shared_topics(case: Case) -> Judgement:
     scope=ROSCORES,
     when=_has_both_contents,
 )
-def _judge_bridges(case: Case) -> Judgement:
-    own, its = case.robots
-    found = shorten_list(case.state.exchanges.find_bridged_topics(its, own), NAMED)
+def _judge_bridges(context: CheckContext) -> Judgement:
+    own, its = context.robots
+    found = shorten_list(context.state.exchanges.find_bridged_topics(its, own), NAMED)
     circle = frozenset({Component.from_pair("topic", "circle", own, its, what=found)})
     return judge_fault(WARNING, "each topic passes one bridge", found, "no topic passes two", circle)
 
@@ -245,43 +248,47 @@ ASKED = 20  # topics whose stages are looked at
 MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' sync/core/limits.py
 
 
-def _flow_suspects(case: Case) -> Parts:
-    own, its = case.masters
+def _flow_suspects(context: CheckContext) -> Parts:
+    own, its = context.masters
     sync = make_parts("sync", own, "dead", "hung", "configuration")
-    fetched = needs.discovery(own) | needs.master_query_parts(case, own, its) | needs.large(case, own, its)
-    return sync | fetched | needs.heartbeats(case, own, its)
+    fetched = needs.discovery(own) | needs.master_query_parts(context, own, its) | needs.large(context, own, its)
+    return sync | fetched | needs.heartbeats(context, own, its)
 
 
-def _find_flow_faults(case: Case, missing: Sequence[RegisteredItem], superfluous: Sequence[RegisteredItem]) -> Parts:
+def _find_flow_faults(
+    context: CheckContext, missing: Sequence[RegisteredItem], superfluous: Sequence[RegisteredItem]
+) -> Parts:
     """Superfluous registrations come from parameters of the sync node."""
-    own, its = case.robots
-    observer = case.observer.name
+    own, its = context.robots
+    observer = context.observer.name
     if superfluous:
         return make_parts("sync", observer, "configuration", what=shorten_list(map(str, superfluous), NAMED))
-    if len(case.state.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
-        return make_parts("sync", observer, "limit", what=case.target)
-    refused = stages.find_refusals(case, [name for item in missing for name in (item.name, item.node)])
-    if _loses_large(case):
+    if len(context.state.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
+        return make_parts("sync", observer, "limit", what=context.target)
+    refused = stages.find_refusals(context, [name for item in missing for name in (item.name, item.node)])
+    if _loses_large(context):
         return refused  # what is told over HTTP comes in large packets: no node is at fault
-    lacking = _find_lacking_stages(case, (item.name for item in missing if item.kind == "publisher"))
-    return refused or join_parts(stages.find_lacking(case, stage, topic) for topic, stage in lacking.items())
+    lacking = _find_lacking_stages(context, (item.name for item in missing if item.kind == "publisher"))
+    return refused or join_parts(stages.find_lacking(context, stage, topic) for topic, stage in lacking.items())
 
 
-def _loses_large(case: Case) -> bool:
+def _loses_large(context: CheckContext) -> bool:
     """Return True if small packets arrive between the two, and large ones do not."""
-    small, large = case.member.ping_address, case.member.ping_large
+    small, large = context.member.ping_address, context.member.ping_large
     return small is not None and large is not None and small.ok and not large.ok
 
 
-def _find_lacking_stages(case: Case, missing: Iterable[str] = ()) -> dict[str, Stage]:
+def _find_lacking_stages(context: CheckContext, missing: Iterable[str] = ()) -> dict[str, Stage]:
     """Find the stages that lack topics of the target's robot: those of its talkers that are not here, and others that are missing.
 
     A talker may be heard all the same, where the other robot has registered the subscriber.
     """
-    asked = (topic for source in case.probe.sources if source.computer == case.masters[1] for topic in source.topics)
-    talkers = (topic for topic in asked if not stages.is_filtered(case, topic))
+    asked = (
+        topic for source in context.probe.sources if source.computer == context.masters[1] for topic in source.topics
+    )
+    talkers = (topic for topic in asked if not stages.is_filtered(context, topic))
     topics = islice(dict.fromkeys([*talkers, *missing]), ASKED)
-    found = {topic: stages.find_stage(stages.observe_exchange(case, topic)) for topic in topics}
+    found = {topic: stages.find_stage(stages.observe_exchange(context, topic)) for topic in topics}
     return {topic: stage for topic, stage in found.items() if stage in BETWEEN}
 
 
@@ -289,52 +296,52 @@ def _find_lacking_stages(case: Case, missing: Iterable[str] = ()) -> dict[str, S
     title="robot has what it is to get, and nothing else",
     scope=ROSCORES,
     # registrations stay after a node has died, so a success clears no node
-    needs=lambda case: make_parts("sync", case.masters[0], "configuration"),
+    needs=lambda context: make_parts("sync", context.masters[0], "configuration"),
     suspects=_flow_suspects,
 )
-def _judge_flow(case: Case) -> Judgement | None:
-    if case.exchange is None:
+def _judge_flow(context: CheckContext) -> Judgement | None:
+    if context.exchange is None:
         return None
-    own, its = case.robots
-    if case.exchange.error:
-        untold = make_parts("sync", case.observer.name, "untold")
-        return Judgement(UNKNOWN, f"what {its} gives", case.exchange.error, untold)
-    missing, superfluous = case.state.exchanges.find_missing(its, own), case.state.exchanges.superfluous(its, own)
+    own, its = context.robots
+    if context.exchange.error:
+        untold = make_parts("sync", context.observer.name, "untold")
+        return Judgement(UNKNOWN, f"what {its} gives", context.exchange.error, untold)
+    missing, superfluous = context.state.exchanges.find_missing(its, own), context.state.exchanges.superfluous(its, own)
     parts: list[tuple[str, Sequence[object]]] = [("not there", missing), ("there against the plan", superfluous)]
     parts.append(
-        ("of its talkers", [f"{name} is not {stage.value}" for name, stage in _find_lacking_stages(case).items()])
+        ("of its talkers", [f"{name} is not {stage.value}" for name, stage in _find_lacking_stages(context).items()])
     )
     found = "; ".join(f"{words}: {shorten_list(map(str, items), NAMED)}" for words, items in parts if items)
-    broken = _find_flow_faults(case, missing, superfluous) if found else frozenset()
+    broken = _find_flow_faults(context, missing, superfluous) if found else frozenset()
     return judge_fault(FAILED, f"what {its} gives to {own}, and nothing else", found, "just that", broken)
 
 
 # Parameters that cross
 
 
-def _list_copied(case: Case) -> list[tuple[str, str]]:
+def _list_copied(context: CheckContext) -> list[tuple[str, str]]:
     """List the parameters that the observer's robot is to have as the target's robot has them: the names here and there."""
-    entries = case.observer.plan.sync.get("sync_parameters", ())
+    entries = context.observer.plan.sync.get("sync_parameters", ())
     return [
         (entry.get("as", "") + name, name)
         for entry in entries
-        if entry["from"] == case.master.name
+        if entry["from"] == context.master.name
         for name in entry["names"]
     ]
 
 
-def _compare_copies(case: Case) -> dict[str, str] | None:
+def _compare_copies(context: CheckContext) -> dict[str, str] | None:
     """Return what is wrong with each copy, by its parameter; None where one of the two roscores was not read."""
-    master = case.run.get(case.masters[1])
-    if master is None or not master.is_probed or not case.observer.is_probed:
+    master = context.run.get(context.masters[1])
+    if master is None or not master.is_probed or not context.observer.is_probed:
         return None
     here, there = (
-        {entry.name: entry.digest for entry in probe.parameters.crossing} for probe in (case.probe, master.probe)
+        {entry.name: entry.digest for entry in probe.parameters.crossing} for probe in (context.probe, master.probe)
     )
-    names = _list_copied(case)
+    names = _list_copied(context)
     if not all(name in here and its_name in there for name, its_name in names):
         return None
-    own, its = case.robots
+    own, its = context.robots
     return {
         name: f"{its_name} of {its} " + (f"has another value on {own}" if here[name] else f"is not on {own}")
         for name, its_name in names
@@ -342,11 +349,15 @@ def _compare_copies(case: Case) -> dict[str, str] | None:
     }
 
 
-def _find_copy_faults(case: Case, wrong: Collection[str]) -> Parts:
+def _find_copy_faults(context: CheckContext, wrong: Collection[str]) -> Parts:
     """A copy that differs shows itself. One that is not there may be missing with all the rest, since sync does not work."""
-    own, its = case.robots
-    is_read = case.exchange is not None and not case.exchange.error
-    if is_read and not any("another value" in words for words in wrong) and case.state.exchanges.find_missing(its, own):
+    own, its = context.robots
+    is_read = context.exchange is not None and not context.exchange.error
+    if (
+        is_read
+        and not any("another value" in words for words in wrong)
+        and context.state.exchanges.find_missing(its, own)
+    ):
         return frozenset()
     return frozenset({Component.from_pair("parameter", "copy", own, its, what=shorten_list(wrong, NAMED))})
 
@@ -354,15 +365,15 @@ def _find_copy_faults(case: Case, wrong: Collection[str]) -> Parts:
 @Check(
     title="copied parameters are as on their robot",
     scope=ROSCORES,
-    when=lambda case: bool(_list_copied(case)),
+    when=lambda context: bool(_list_copied(context)),
     suspects=_flow_suspects,
 )
-def _judge_copies(case: Case) -> Judgement:
-    wrong = _compare_copies(case)
+def _judge_copies(context: CheckContext) -> Judgement:
+    wrong = _compare_copies(context)
     if wrong is None:
         found = "the parameters of one of the two are not known"
-        return Judgement(UNKNOWN, "the same values", found, _find_copy_faults(case, ()))
-    broken = _find_copy_faults(case, wrong.values()) if wrong else frozenset()
+        return Judgement(UNKNOWN, "the same values", found, _find_copy_faults(context, ()))
+    broken = _find_copy_faults(context, wrong.values()) if wrong else frozenset()
     return judge_fault(FAILED, "the same values", shorten_list(wrong.values(), NAMED), "the same", broken)
 
 
@@ -373,14 +384,14 @@ def _judge_copies(case: Case) -> Judgement:
     title="connections only as exchanged",
     scope=ROSCORES,
 )
-def _judge_cross_link(case: Case) -> Judgement | None:
-    if case.exchange is None or case.exchange.error:
+def _judge_cross_link(context: CheckContext) -> Judgement | None:
+    if context.exchange is None or context.exchange.error:
         return None
-    crossing = case.state.exchanges.find_crossing_links(case.exchange.connections, *case.robots)
+    crossing = context.state.exchanges.find_crossing_links(context.exchange.connections, *context.robots)
     links = (
         f"{link.node} {'hears' if link.direction == 'in' else 'is heard by'} {link.peer} of {link.robot} on {link.topic}"
         for link in crossing
     )
-    between = frozenset({Component.from_pair("registration", "link", *case.robots)})
+    between = frozenset({Component.from_pair("registration", "link", *context.robots)})
     expected = "only connections of what is exchanged"
     return judge_fault(FAILED, expected, shorten_list(links, NAMED), "only such", between)

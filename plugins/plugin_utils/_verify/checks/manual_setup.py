@@ -7,39 +7,39 @@ from __future__ import annotations
 
 from ..._base.sentences import shorten_list
 from ..components.parts import ANY
-from ..context.case import Case
+from ..context.check_context import CheckContext
 from ..context.needs import make_parts
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 
 @Check(
     title="site.yml has run",
-    when=lambda case: case.was_never_set_up,
+    when=lambda context: context.was_never_set_up,
 )
-def _judge_set_up(case: Case) -> Judgement:
-    never = make_parts("set_up", ANY if case.was_none_set_up else case.observer.name, "never")
+def _judge_set_up(context: CheckContext) -> Judgement:
+    never = make_parts("set_up", ANY if context.was_none_set_up else context.observer.name, "never")
     return Judgement(FAILED, "site.yml has run", "no record of the collection", never)
 
 
 @Check(
     title="nothing stands against the plan",
 )
-def _judge_as_planned(case: Case) -> Judgement | None:
-    found = case.observer.seen.found
+def _judge_as_planned(context: CheckContext) -> Judgement | None:
+    found = context.observer.seen.found
     if found is None:
         return None
-    other = [text.removeprefix(f"{case.observer.name}: ") for text in (*found.runs, *found.noted)]
-    parts = make_parts("set_up", case.observer.name, "others" if found.runs else "refused")
+    other = [text.removeprefix(f"{context.observer.name}: ") for text in (*found.runs, *found.noted)]
+    parts = make_parts("set_up", context.observer.name, "others" if found.runs else "refused")
     return judge_fault(WARNING, "nothing that site.yml would refuse", " ".join(other), "nothing", parts)
 
 
 @Check(
     title="no interface leads into another robot's network",
-    when=lambda case: case.observer.seen.found is not None,
-    needs=lambda case: make_parts("interface", case.observer.name, "overlap"),
+    when=lambda context: context.observer.seen.found is not None,
+    needs=lambda context: make_parts("interface", context.observer.name, "overlap"),
 )
-def _judge_overlaps(case: Case) -> Judgement:
-    found = case.observer.seen.found
+def _judge_overlaps(context: CheckContext) -> Judgement:
+    found = context.observer.seen.found
     named = shorten_list(found.overlaps, 4) if found else ""
-    parts = make_parts("interface", case.observer.name, "overlap", what=named)
+    parts = make_parts("interface", context.observer.name, "overlap", what=named)
     return judge_fault(WARNING, "no address or route in the network of another robot", named, "none", parts)

@@ -9,7 +9,7 @@ import ipaddress
 
 from ..._plan.model import COMMON
 from ..context import needs
-from ..context.case import Case
+from ..context.check_context import CheckContext
 from ..context.needs import Parts, join_parts, make_parts
 from ..context.policy_routing import taker
 from ..observe.observations import Ping, TargetRoute
@@ -21,60 +21,61 @@ LOST = 0.2  # of the pings to one computer: in a wireless network some are alway
 # Whose an address is
 
 
-def _find_duplicates(case: Case) -> dict[str, list[str]]:
+def _find_duplicates(context: CheckContext) -> dict[str, list[str]]:
     """List the addresses on the observer's networks for which another one answers, too: address -> hardware addresses.
 
     A computer with two interfaces in one network answers by both, so its own are left out.
     """
     found = {}
-    own = {str(entry.address) for entry in case.observer.plan.networks}
-    for claim in case.probe.claims:
-        holder = case.observer if claim.address in own else case.run.get(case.ways.name_at(claim.address))
+    own = {str(entry.address) for entry in context.observer.plan.networks}
+    for claim in context.probe.claims:
+        holder = context.observer if claim.address in own else context.run.get(context.ways.name_at(claim.address))
         known = holder.hardware_addresses if holder else frozenset()
         strange = [mac for mac in claim.macs if mac.lower() not in known]
-        if case.ways.name_at(claim.address) and len(strange) > (0 if known else 1):
+        if context.ways.name_at(claim.address) and len(strange) > (0 if known else 1):
             found[claim.address] = strange
     return found
 
 
-def _duplicate_needs(case: Case) -> Parts:
+def _duplicate_needs(context: CheckContext) -> Parts:
     """A computer that gets no ARP answer for its own address is alone with it, for all observers."""
-    name = case.observer.name
+    name = context.observer.name
     return make_parts("interface", name, "duplicate") | join_parts(
-        make_parts("interface", name, "duplicate", what=other) for other in (*case.ways.members, *case.ways.titles)
+        make_parts("interface", name, "duplicate", what=other)
+        for other in (*context.ways.members, *context.ways.titles)
     )
 
 
 @Check(
     title="nobody else answers for an address",
-    when=lambda case: bool(case.probe.claims),
+    when=lambda context: bool(context.probe.claims),
     needs=_duplicate_needs,
 )
-def _judge_address_once(case: Case) -> Judgement:
-    twice = _find_duplicates(case)
+def _judge_address_once(context: CheckContext) -> Judgement:
+    twice = _find_duplicates(context)
     found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
-    parts = join_parts(make_parts("interface", case.ways.name_at(address), "duplicate") for address in twice)
+    parts = join_parts(make_parts("interface", context.ways.name_at(address), "duplicate") for address in twice)
     return judge_fault(FAILED, "one computer answers for each address", found, "one for each", parts)
 
 
 # The name
 
 
-def _name_mistake(case: Case) -> str:
+def _name_mistake(context: CheckContext) -> str:
     """Return the mode in which the name is wrong."""
-    addresses = case.member.addresses
+    addresses = context.member.addresses
     if not addresses:
         return "unknown"
-    if _is_own_too(case):
+    if _is_own_too(context):
         return "own"
     if any(_is_loopback(address) for address in addresses):
         return "loopback"
     return "several" if len(addresses) > 1 else "old"
 
 
-def _is_own_too(case: Case) -> bool:
+def _is_own_too(context: CheckContext) -> bool:
     """The own name has the planned address beside that of the loopback interface: nobody else is concerned."""
-    return case.target == case.observer.name and case.address in case.member.addresses
+    return context.target == context.observer.name and context.address in context.member.addresses
 
 
 def _is_loopback(address: str) -> bool:
@@ -88,17 +89,17 @@ def _is_loopback(address: str) -> bool:
 @Check(
     title="name means the planned address",
     scope=ITSELF_TOO,
-    when=lambda case: bool(case.member.name) and not case.observer.plan.is_router,
-    needs=lambda case: needs.names(case.observer.name, case.target),
+    when=lambda context: bool(context.member.name) and not context.observer.plan.is_router,
+    needs=lambda context: needs.names(context.observer.name, context.target),
 )
-def _judge_name(case: Case) -> Judgement:
-    addresses, expected = case.member.addresses, case.address
-    found = ", ".join(addresses) or case.member.resolve_error
+def _judge_name(context: CheckContext) -> Judgement:
+    addresses, expected = context.member.addresses, context.address
+    found = ", ".join(addresses) or context.member.resolve_error
     if addresses == (expected,):
         return Judgement(OK, expected, found)
     # Fig. 6 of the report leaves 127.0.1.1 at the own name, and these robots talk.
-    verdict = WARNING if case.is_set_up_by_hand and _is_own_too(case) else FAILED
-    parts = make_parts("names", case.observer.name, _name_mistake(case), what=case.target)
+    verdict = WARNING if context.is_set_up_by_hand and _is_own_too(context) else FAILED
+    parts = make_parts("names", context.observer.name, _name_mistake(context), what=context.target)
     return Judgement(verdict, expected, found, parts)
 
 
@@ -108,71 +109,71 @@ def _judge_name(case: Case) -> Judgement:
 @Check(
     title="name means the same without rights",
     scope=ITSELF_TOO,
-    needs=lambda case: make_parts("names", case.observer.name, "rights"),
+    needs=lambda context: make_parts("names", context.observer.name, "rights"),
 )
-def _judge_user_name(case: Case) -> Judgement | None:
-    found = case.member.user_addresses
-    if found is None or case.member.addresses != (case.address,) or case.observer.plan.is_router:
+def _judge_user_name(context: CheckContext) -> Judgement | None:
+    found = context.member.user_addresses
+    if found is None or context.member.addresses != (context.address,) or context.observer.plan.is_router:
         return None  # another check judges what root finds
-    expected = f"{case.address}, as for root"
-    if found == (case.address,):
-        return Judgement(OK, expected, case.address)
-    parts = make_parts("names", case.observer.name, "rights", what=case.target)
+    expected = f"{context.address}, as for root"
+    if found == (context.address,):
+        return Judgement(OK, expected, context.address)
+    parts = make_parts("names", context.observer.name, "rights", what=context.target)
     return Judgement(FAILED, expected, ", ".join(found) or "no address", parts)
 
 
 # The route
 
 
-def _route_needs(case: Case) -> Parts:
-    if not case.way.crosses:
+def _route_needs(context: CheckContext) -> Parts:
+    if not context.way.crosses:
         return frozenset()
-    found = make_parts("route", case.observer.name, "missing", "other", what=case.ways.network(case.robots[1]))
-    return found | make_parts("route", case.observer.name, "missing")
+    found = make_parts("route", context.observer.name, "missing", "other", what=context.ways.network(context.robots[1]))
+    return found | make_parts("route", context.observer.name, "missing")
 
 
-def _find_route_fault(case: Case, route: TargetRoute) -> Parts:
-    mode, what = taker(case.probe.policy, case.address)
-    if mode and (route.error or (route.gateway or "") not in case.way.hops):
-        return make_parts("route", case.observer.name, mode, what=what)
-    return _route_absence_parts(case) if route.error else _wrong_route_parts(case, route)
+def _find_route_fault(context: CheckContext, route: TargetRoute) -> Parts:
+    mode, what = taker(context.probe.policy, context.address)
+    if mode and (route.error or (route.gateway or "") not in context.way.hops):
+        return make_parts("route", context.observer.name, mode, what=what)
+    return _route_absence_parts(context) if route.error else _wrong_route_parts(context, route)
 
 
-def _route_absence_parts(case: Case) -> Parts:
-    name, network = case.observer.name, case.ways.network(case.robots[1])
-    if not case.way.crosses:
-        small = bool(case.observer.find_wrong_prefixes())  # the target is beyond what it takes for its network
+def _route_absence_parts(context: CheckContext) -> Parts:
+    name, network = context.observer.name, context.ways.network(context.robots[1])
+    if not context.way.crosses:
+        small = bool(context.observer.find_wrong_prefixes())  # the target is beyond what it takes for its network
         return make_parts("interface", name, "prefix") if small else make_parts("link", name, "down", what=network)
-    return make_parts("route", name, "missing", what="" if _has_no_routes(case) else network)
+    return make_parts("route", name, "missing", what="" if _has_no_routes(context) else network)
 
 
-def _wrong_route_parts(case: Case, route: TargetRoute) -> Parts:
-    name, network, by = case.observer.name, case.ways.network(case.robots[1]), route.gateway or ""
-    if _leaves_fleet(case, route.device):
+def _wrong_route_parts(context: CheckContext, route: TargetRoute) -> Parts:
+    name, network, by = context.observer.name, context.ways.network(context.robots[1]), route.gateway or ""
+    if _leaves_fleet(context, route.device):
         return make_parts("route", name, "other", what=network)
-    if by not in case.way.hops:
-        if not (by and case.way.crosses):  # it is sent to a gateway, and is in this network, or the other way round
+    if by not in context.way.hops:
+        if not (by and context.way.crosses):  # it is sent to a gateway, and is in this network, or the other way round
             return make_parts("interface", name, "prefix")
-        return make_parts("route", name, "missing" if _falls_to_default(case, by) else "other", what=network)
+        return make_parts("route", name, "missing" if _falls_to_default(context, by) else "other", what=network)
     return make_parts("interface", name, "address")
 
 
-def _leaves_fleet(case: Case, device: str | None) -> bool:
+def _leaves_fleet(context: CheckContext, device: str | None) -> bool:
     """Packets leave by an interface that is on no network of the plan, as that of a VPN or of Docker."""
-    own = case.observer.interface_on
-    return len(own) == len(case.observer.plan.networks) and device not in {entry.interface for entry in own.values()}
+    own = context.observer.interface_on
+    return len(own) == len(context.observer.plan.networks) and device not in {entry.interface for entry in own.values()}
 
 
-def _falls_to_default(case: Case, by: str) -> bool:
+def _falls_to_default(context: CheckContext, by: str) -> bool:
     """The planned route is one to the network, and is gone: the default route takes what it was for."""
-    special = all(route.destination.prefixlen for route in case.observer.plan.routes)
-    return special and by in {route.gateway for route in case.probe.default_routes}
+    special = all(route.destination.prefixlen for route in context.observer.plan.routes)
+    return special and by in {route.gateway for route in context.probe.default_routes}
 
 
-def _has_no_routes(case: Case) -> bool:
+def _has_no_routes(context: CheckContext) -> bool:
     """The observer has a route to no other network."""
-    members, plan = case.observer.members, case.observer.plan
-    others = [name for name in case.ways.members if name in members and case.ways.way(plan, name).crosses]
+    members, plan = context.observer.members, context.observer.plan
+    others = [name for name in context.ways.members if name in members and context.ways.way(plan, name).crosses]
     return all(route.error for name in others if (route := members[name].route))
 
 
@@ -181,36 +182,36 @@ def _has_no_routes(case: Case) -> bool:
     scope=MEMBER,
     needs=_route_needs,
 )
-def _judge_route(case: Case) -> Judgement | None:
-    route, way = case.member.route, case.way
+def _judge_route(context: CheckContext) -> Judgement | None:
+    route, way = context.member.route, context.way
     if route is None:
         return None
     good = not route.error and route.source == way.source and (route.gateway or "") in way.hops
     expected = f"a route from {way.source}" + (f" by {way.next_hop}" if way.next_hop else "")
     via = f" by {route.gateway}" if route.gateway else ""
     found = route.error or f"on {route.device} from {route.source}{via}"
-    broken = frozenset() if good else _find_route_fault(case, route)
+    broken = frozenset() if good else _find_route_fault(context, route)
     return Judgement(OK if good else FAILED, expected, found, broken)
 
 
 # The ping by address
 
 
-def _ping_needs(case: Case) -> Parts:
-    one, other = case.observer.name, case.target
-    return needs.way(case, one, other) | needs.passes(one, other, "icmp") | make_parts("setting", other, "icmp_all")
+def _ping_needs(context: CheckContext) -> Parts:
+    one, other = context.observer.name, context.target
+    return needs.way(context, one, other) | needs.passes(one, other, "icmp") | make_parts("setting", other, "icmp_all")
 
 
-def _answers_sometimes(case: Case) -> bool:
+def _answers_sometimes(context: CheckContext) -> bool:
     """Of further requests some were answered: packets get lost, and no filter drops them."""
-    return case.member.loss is not None and case.member.loss < 1.0
+    return context.member.loss is not None and context.member.loss < 1.0
 
 
-def _ping_suspects(case: Case) -> Parts:
-    if _answers_sometimes(case):
-        return needs.loss_parts(case, case.observer.name, case.target)
-    asked = needs.arp_parts(case, case.observer.name, case.target) if case.member.silent else frozenset()
-    return _ping_needs(case) - asked
+def _ping_suspects(context: CheckContext) -> Parts:
+    if _answers_sometimes(context):
+        return needs.loss_parts(context, context.observer.name, context.target)
+    asked = needs.arp_parts(context, context.observer.name, context.target) if context.member.silent else frozenset()
+    return _ping_needs(context) - asked
 
 
 def _judge_ping(ping: Ping | None, whom: str, outcome: Outcome = Outcome.NOT_TRIED) -> Judgement | None:
@@ -229,11 +230,11 @@ def _judge_ping(ping: Ping | None, whom: str, outcome: Outcome = Outcome.NOT_TRI
     needs=_ping_needs,
     suspects=_ping_suspects,
 )
-def _judge_ping_address(case: Case) -> Judgement | None:
-    ping = case.member.ping_address
-    if ping is None or _answers_sometimes(case):
-        return _judge_ping(ping, case.address)  # where only some were lost on the way, an error says nothing
-    return _judge_ping(ping, case.address, ping.outcome)
+def _judge_ping_address(context: CheckContext) -> Judgement | None:
+    ping = context.member.ping_address
+    if ping is None or _answers_sometimes(context):
+        return _judge_ping(ping, context.address)  # where only some were lost on the way, an error says nothing
+    return _judge_ping(ping, context.address, ping.outcome)
 
 
 # TCP, where no ping is answered: a packet filter that drops pings alone is told from a computer that is off
@@ -242,10 +243,10 @@ def _judge_ping_address(case: Case) -> Judgement | None:
 @Check(
     title="TCP is refused, so the computer is there",
     scope=MEMBER,
-    needs=lambda case: needs.way(case, case.observer.name, case.target),
+    needs=lambda context: needs.way(context, context.observer.name, context.target),
 )
-def _judge_tcp_answer(case: Case) -> Judgement | None:
-    if not case.member.tcp or case.member.tcp_outcome != Outcome.REFUSED:
+def _judge_tcp_answer(context: CheckContext) -> Judgement | None:
+    if not context.member.tcp or context.member.tcp_outcome != Outcome.REFUSED:
         return None  # nothing comes back where a packet filter drops what is not let in: no fault
     return Judgement(OK, "a TCP port that nobody uses refuses", "refused")
 
@@ -256,16 +257,16 @@ def _judge_tcp_answer(case: Case) -> Judgement | None:
 @Check(
     title="ping by name",
     scope=MEMBER,
-    when=lambda case: not case.observer.plan.is_router,
-    needs=lambda case: _ping_needs(case) | needs.names(case.observer.name, case.target),
-    suspects=lambda case: (
-        needs.loss_parts(case, case.observer.name, case.target)
-        if _answers_sometimes(case) and case.address in case.member.addresses[:1]
-        else _ping_needs(case) | needs.names(case.observer.name, case.target)
+    when=lambda context: not context.observer.plan.is_router,
+    needs=lambda context: _ping_needs(context) | needs.names(context.observer.name, context.target),
+    suspects=lambda context: (
+        needs.loss_parts(context, context.observer.name, context.target)
+        if _answers_sometimes(context) and context.address in context.member.addresses[:1]
+        else _ping_needs(context) | needs.names(context.observer.name, context.target)
     ),
 )
-def _judge_ping_name(case: Case) -> Judgement | None:
-    return _judge_ping(case.member.ping_name, case.target)
+def _judge_ping_name(context: CheckContext) -> Judgement | None:
+    return _judge_ping(context.member.ping_name, context.target)
 
 
 # Large packets
@@ -274,12 +275,12 @@ def _judge_ping_name(case: Case) -> Judgement | None:
 @Check(
     title="large packets arrive",
     scope=MEMBER,
-    needs=lambda case: needs.large(case, case.observer.name, case.target),
+    needs=lambda context: needs.large(context, context.observer.name, context.target),
 )
-def _judge_ping_large(case: Case) -> Judgement | None:
+def _judge_ping_large(context: CheckContext) -> Judgement | None:
     """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
-    judged = _judge_ping(case.member.ping_large, f"{case.address} to a large packet")
-    if judged is not None and judged.verdict != OK and (case.member.loss or 0.0) > LOST:
+    judged = _judge_ping(context.member.ping_large, f"{context.address} to a large packet")
+    if judged is not None and judged.verdict != OK and (context.member.loss or 0.0) > LOST:
         return None  # small ones are lost, too: the size need not be the reason
     return judged if judged is None or judged.verdict == OK else judged._replace(verdict=WARNING)
 
@@ -290,10 +291,10 @@ def _judge_ping_large(case: Case) -> Judgement | None:
 @Check(
     title="few pings are lost",
     scope=MEMBER,
-    needs=lambda case: needs.loss_parts(case, case.observer.name, case.target),
+    needs=lambda context: needs.loss_parts(context, context.observer.name, context.target),
 )
-def _judge_ping_loss(case: Case) -> Judgement | None:
-    loss = case.member.loss
+def _judge_ping_loss(context: CheckContext) -> Judgement | None:
+    loss = context.member.loss
     if loss is None or loss == 1.0:  # nothing at all arrives: another check judges that
         return None
     return Judgement(WARNING if loss > LOST else OK, f"less than {LOST:.0%} of the pings are lost", f"{loss:.0%}")
@@ -305,19 +306,19 @@ def _judge_ping_loss(case: Case) -> Judgement | None:
 @Check(
     title="address belongs to one computer",
     scope=MEMBER,
-    needs=lambda case: make_parts("interface", case.target, "duplicate", what=case.observer.name),
+    needs=lambda context: make_parts("interface", context.target, "duplicate", what=context.observer.name),
 )
-def _judge_neighbour(case: Case) -> Judgement | None:
-    seen, known = case.member.neighbour.lower(), case.peer.macs if case.peer else frozenset()
-    if not seen or not known or case.way.crosses:
+def _judge_neighbour(context: CheckContext) -> Judgement | None:
+    seen, known = context.member.neighbour.lower(), context.peer.macs if context.peer else frozenset()
+    if not seen or not known or context.way.crosses:
         return None
-    expected = f"{case.address} is at {' or '.join(sorted(known))}"
-    if case.peer and seen in case.peer.hardware_addresses:
+    expected = f"{context.address} is at {' or '.join(sorted(known))}"
+    if context.peer and seen in context.peer.hardware_addresses:
         return Judgement(OK, expected, f"it is at {seen}")
     parts = (
-        make_parts("neighbour", case.observer.name, "fixed", what=case.target)
-        if case.member.neighbour_fixed
-        else make_parts("interface", case.target, "duplicate", what=case.observer.name)
+        make_parts("neighbour", context.observer.name, "fixed", what=context.target)
+        if context.member.neighbour_fixed
+        else make_parts("interface", context.target, "duplicate", what=context.observer.name)
     )
     return Judgement(WARNING, expected, f"it is at {seen}", parts)  # a proxy may answer for it
 
@@ -327,29 +328,29 @@ def _judge_neighbour(case: Case) -> Judgement | None:
 
 @Check(
     title="its packet filter lets ARP pass",
-    needs=lambda case: make_parts("neighbour", case.observer.name, "filter"),
+    needs=lambda context: make_parts("neighbour", context.observer.name, "filter"),
 )
-def _judge_arp_filter(case: Case) -> Judgement | None:
-    filters = case.observer.seen.filters
+def _judge_arp_filter(context: CheckContext) -> Judgement | None:
+    filters = context.observer.seen.filters
     if filters is None or not filters.readable:
         return None
     found = ", ".join(filters.arp)
-    parts = make_parts("neighbour", case.observer.name, "filter", what=found)
+    parts = make_parts("neighbour", context.observer.name, "filter", what=found)
     return judge_fault(FAILED, "no packet filter that drops ARP", found, "none", parts)
 
 
-def _arp_question(case: Case) -> tuple[str, str]:
+def _arp_question(context: CheckContext) -> tuple[str, str]:
     """Return the target's address on a network of the observer, and this network; two empty texts where it has none."""
-    own, its = case.robots
-    if own == its and case.address in case.observer.claimed:
-        return case.address, case.ways.network(own)
-    outer = case.ways.discovery_addresses.get(case.target, "")
-    return (outer, COMMON) if own != its and outer in case.observer.claimed else ("", "")
+    own, its = context.robots
+    if own == its and context.address in context.observer.claimed:
+        return context.address, context.ways.network(own)
+    outer = context.ways.discovery_addresses.get(context.target, "")
+    return (outer, COMMON) if own != its and outer in context.observer.claimed else ("", "")
 
 
-def _arp_needs(case: Case) -> Parts:
-    one, other, network = case.observer.name, case.target, _arp_question(case)[1]
-    ports = needs.port_parts(case, one) | needs.port_parts(case, other)
+def _arp_needs(context: CheckContext) -> Parts:
+    one, other, network = context.observer.name, context.target, _arp_question(context)[1]
+    ports = needs.port_parts(context, one) | needs.port_parts(context, other)
     return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute", "filter") | ports
 
 
@@ -358,11 +359,11 @@ def _arp_needs(case: Case) -> Parts:
     scope=MEMBER,
     needs=_arp_needs,
     # In a network that is too large, a computer looks for those of other networks, too.
-    suspects=lambda case: _arp_needs(case) | make_parts("interface", case.observer.name, "prefix"),
+    suspects=lambda context: _arp_needs(context) | make_parts("interface", context.observer.name, "prefix"),
 )
-def _judge_answers_arp(case: Case) -> Judgement | None:
-    address, _network = _arp_question(case)
-    answered, ping = case.observer.claimed.get(address), case.member.ping_address
+def _judge_answers_arp(context: CheckContext) -> Judgement | None:
+    address, _network = _arp_question(context)
+    answered, ping = context.observer.claimed.get(address), context.member.ping_address
     if answered is None or (not answered and ping and ping.ok):
         return None  # the question may have got lost
     expected = f"somebody answers who has {address}"

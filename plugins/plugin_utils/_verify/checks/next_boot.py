@@ -7,28 +7,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..context.case import Case
+from ..context.check_context import CheckContext
 from ..context.needs import join_parts, make_parts
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 
-def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str) -> Check:
-    def has_plan(case: Case) -> bool:
+def _check(kind: str, title: str, planned: Callable[[CheckContext], bool], fine: str) -> Check:
+    def has_plan(context: CheckContext) -> bool:
         # Where the collection has not set it up, one sentence for all kinds is enough.
-        told = case.observer.is_set_up or (kind == "unit" and case.is_set_up_by_hand)
-        return case.observer.is_probed and planned(case) and told
+        told = context.observer.is_set_up or (kind == "unit" and context.is_set_up_by_hand)
+        return context.observer.is_probed and planned(context) and told
 
-    def judge(case: Case) -> Judgement:
-        entries = [entry for entry in case.probe.next_boot if entry.kind == kind]
+    def judge(context: CheckContext) -> Judgement:
+        entries = [entry for entry in context.probe.next_boot if entry.kind == kind]
         states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
-        parts = join_parts(make_parts("boot", case.observer.name, kind, what=entry.name) for entry in entries)
+        parts = join_parts(make_parts("boot", context.observer.name, kind, what=entry.name) for entry in entries)
         return judge_fault(FAILED, entries[0].expected if entries else fine, states, fine, parts)
 
     return Check(
         title=title,
         when=has_plan,
         of_site=True,
-        needs=lambda case: make_parts("boot", case.observer.name, kind),
+        needs=lambda context: make_parts("boot", context.observer.name, kind),
         id=f"next_boot_{kind}",
         judge=judge,
     )
@@ -37,38 +37,38 @@ def _check(kind: str, title: str, planned: Callable[[Case], bool], fine: str) ->
 UNIT = _check(
     "unit",
     "services start at the next boot",
-    lambda case: bool(case.observer.plan.services),
+    lambda context: bool(context.observer.plan.services),
     "all enabled",
 )
 SYSCTL = _check(
     "sysctl",
     "kernel settings stay at the next boot",
-    lambda case: bool(case.observer.plan.sysctl),
+    lambda context: bool(context.observer.plan.sysctl),
     "the planned values",
 )
 ROUTE = _check(
     "route",
     "routes stay at the next boot",
-    lambda case: bool(case.observer.plan.routes),
+    lambda context: bool(context.observer.plan.routes),
     "the files of all routes",
 )
 NAMES = _check(
     "names",
     "/etc/hosts stays at the next boot",
-    lambda case: not case.observer.plan.is_router,
+    lambda context: not context.observer.plan.is_router,
     "nobody writes it anew",
 )
 
 
 @Check(
     title="nodes can start",
-    needs=lambda case: make_parts("ros", case.observer.name, "broken"),
+    needs=lambda context: make_parts("ros", context.observer.name, "broken"),
 )
-def _judge_next_start(case: Case) -> Judgement | None:
-    found = case.observer.seen.found
-    if found is None or case.observer.plan.is_router or (case.probe.ros_missing and not found.broken_ros):
+def _judge_next_start(context: CheckContext) -> Judgement | None:
+    found = context.observer.seen.found
+    if found is None or context.observer.plan.is_router or (context.probe.ros_missing and not found.broken_ros):
         return None
-    verdict = FAILED if case.observer.plan.is_master else WARNING
-    broken = found.broken_ros.removeprefix(f"{case.observer.name}: ")
-    parts = make_parts("ros", case.observer.name, "broken")
+    verdict = FAILED if context.observer.plan.is_master else WARNING
+    broken = found.broken_ros.removeprefix(f"{context.observer.name}: ")
+    parts = make_parts("ros", context.observer.name, "broken")
     return judge_fault(verdict, "nodes that are started now find their modules", broken, "as planned", parts)

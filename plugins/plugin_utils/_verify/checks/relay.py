@@ -13,7 +13,7 @@ from ..._inventory.filters import matches
 from ..._inventory.flows import find_inner_name, find_outer_name, list_names
 from ..components.parts import Component
 from ..context import needs
-from ..context.case import Case
+from ..context.check_context import CheckContext
 from ..context.needs import Parts, make_parts
 from ..context.registrations import RELAY, TEST_NODES
 from .engine import FAILED, MASTER, Check, Judgement, judge_fault
@@ -24,82 +24,82 @@ NAMED = 4  # topics and services that a finding names
 KINDS = {"publisher": "topics", "service": "services"}  # of registrations -> in a channel
 
 
-def _list_channels(case: Case) -> list[Mapping[str, Any]]:
+def _list_channels(context: CheckContext) -> list[Mapping[str, Any]]:
     """List the channels of the observer to the target's robot."""
-    plan = case.observer.plan
-    return [entry for entry in (plan.relay or {}).get("channels", ()) if entry["peer"] == case.robots[1]]
+    plan = context.observer.plan
+    return [entry for entry in (plan.relay or {}).get("channels", ()) if entry["peer"] == context.robots[1]]
 
 
-def _find_names(case: Case, kind: str, name: str) -> Iterator[str]:
+def _find_names(context: CheckContext, kind: str, name: str) -> Iterator[str]:
     """Yield the observer's name of a topic or service of the target's robot; none where it does not cross."""
-    for channel in _list_channels(case):
+    for channel in _list_channels(context):
         inner = find_inner_name(channel, name) if channel["inner"] else name
         if inner is not None and matches(list_names(channel, KINDS[kind], given=False), inner):
             yield inner if channel["inner"] else find_outer_name(channel, inner)
 
 
-def _list_roots(case: Case) -> set[tuple[str, str]]:
+def _list_roots(context: CheckContext) -> set[tuple[str, str]]:
     """List what the target's relay itself publishes for the observer: how its robot's frames hang together with others."""
     return {
         ("publisher", find_outer_name(channel, STATIC))
-        for channel in _list_channels(case)
+        for channel in _list_channels(context)
         if channel["world"] and not channel["inner"] and matches(channel["topics"], STATIC)
     }
 
 
-def _find_wrong(case: Case) -> tuple[list[str], list[str]] | None:
+def _find_wrong(context: CheckContext) -> tuple[list[str], list[str]] | None:
     """Find the names that the observer's relay lacks, and those without an owner; None where one roscore is not known."""
-    robots = case.state.exchanges.robots
-    own, its = case.robots
+    robots = context.state.exchanges.robots
+    own, its = context.robots
     if own not in robots or its not in robots:
         return None
-    mine, there = _list_names(case, own, relay=False), _list_names(case, own, relay=True)
-    due, tests = _list_due(case, tests=False) | _list_roots(case), _list_due(case, tests=True)
+    mine, there = _list_names(context, own, relay=False), _list_names(context, own, relay=True)
+    due, tests = _list_due(context, tests=False) | _list_roots(context), _list_due(context, tests=True)
     # An own service is never replaced.
     missing = {entry for entry in due - there if entry[0] == "publisher" or entry not in mine}
-    more = {entry for entry in there - due - tests if _is_of(case, *entry)}
+    more = {entry for entry in there - due - tests if _is_of(context, *entry)}
     return sorted(name for _kind, name in missing), sorted(name for _kind, name in more)
 
 
-def _list_due(case: Case, *, tests: bool) -> set[tuple[str, str]]:
+def _list_due(context: CheckContext, *, tests: bool) -> set[tuple[str, str]]:
     """List kind and name here of what crosses of the target's own nodes: of those of the verification, or of the others."""
     return {
         (item.kind, name)
-        for item in case.state.exchanges.robots[case.robots[1]].own
+        for item in context.state.exchanges.robots[context.robots[1]].own
         if item.kind in KINDS and item.node != RELAY and item.node.startswith(TEST_NODES) is tests
-        for name in _find_names(case, item.kind, item.name)
+        for name in _find_names(context, item.kind, item.name)
     }
 
 
-def _list_names(case: Case, robot: str, *, relay: bool) -> set[tuple[str, str]]:
+def _list_names(context: CheckContext, robot: str, *, relay: bool) -> set[tuple[str, str]]:
     """List kind and name of what the relay of a robot has in its roscore, or of what its other nodes have."""
     return {
         (item.kind, item.name)
-        for item in case.state.exchanges.robots[robot].own
+        for item in context.state.exchanges.robots[robot].own
         if item.kind in KINDS and (item.node == RELAY) is relay and not item.node.startswith(TEST_NODES)
     }
 
 
-def _is_of(case: Case, kind: str, name: str) -> bool:
+def _is_of(context: CheckContext, kind: str, name: str) -> bool:
     """Return True if what the observer's relay has can be of the target's robot alone: of no other peer, or by its namespace."""
-    channels = (case.observer.plan.relay or {}).get("channels", ())
+    channels = (context.observer.plan.relay or {}).get("channels", ())
     if len({entry["peer"] for entry in channels}) == 1:
         return kind == "service" or name != DIAGNOSTICS
     names = [
         find_outer_name(channel, topic)
-        for channel in _list_channels(case)
+        for channel in _list_channels(context)
         for topic in list_names(channel, KINDS[kind], given=False)
         if channel["as"] and not channel["inner"]
     ]
     return matches(names, name)
 
 
-def _suspects(case: Case) -> Parts:
-    own, its = case.masters
+def _suspects(context: CheckContext) -> Parts:
+    own, its = context.masters
     return (
         make_parts("service", own, "down")
         | make_parts("service", its, "down")
-        | needs.master_query_parts(case, own, its)
+        | needs.master_query_parts(context, own, its)
     )
 
 
@@ -108,12 +108,12 @@ def _suspects(case: Case) -> Parts:
     scope=MASTER,
     suspects=_suspects,
 )
-def _judge_relay(case: Case) -> Judgement | None:
-    wrong = _find_wrong(case) if _list_channels(case) else None
+def _judge_relay(context: CheckContext) -> Judgement | None:
+    wrong = _find_wrong(context) if _list_channels(context) else None
     if wrong is None:
         return None
     missing, more = wrong
     parts = [("not there", missing), ("there without an owner", more)]
     found = "; ".join(f"{words}: {shorten_list(topics, NAMED)}" for words, topics in parts if topics)
-    lacking = Component.from_pair("relay", "lacking", *case.robots, what=shorten_list(missing or more, NAMED))
+    lacking = Component.from_pair("relay", "lacking", *context.robots, what=shorten_list(missing or more, NAMED))
     return judge_fault(FAILED, "what the channels take across", found, "just that", frozenset({lacking}))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from ..._base.hosts import host_of
 from ..context import needs, stages
-from ..context.case import Case
+from ..context.check_context import CheckContext
 from ..context.needs import Parts, make_parts
 from ..context.stages import Stage
 from ..observe.observations import HeardTopic, Probe
@@ -17,60 +17,60 @@ from .engine import FAILED, MEMBER, OK, UNKNOWN, WARNING, Check, Judgement
 # A topic is heard
 
 
-def _gives_nothing(case: Case) -> bool:
+def _gives_nothing(context: CheckContext) -> bool:
     """The target's robot declares that it gives the observer's nothing."""
-    own, its = case.robots
-    return own != its and case.state.exchanges.flows.declares_nothing(its, own)
+    own, its = context.robots
+    return own != its and context.state.exchanges.flows.declares_nothing(its, own)
 
 
-def _topic_needs(case: Case) -> Parts:
+def _topic_needs(context: CheckContext) -> Parts:
     """A topic that is heard need not be registered here: the other robot may have registered this subscriber, and called it.
 
     A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared.
     """
-    connected = needs.node_connection_parts(case, case.observer.name, case.target)
-    if case.topic is not None and not any(publisher.uri for publisher in case.topic.publishers):
+    connected = needs.node_connection_parts(context, context.observer.name, context.target)
+    if context.topic is not None and not any(publisher.uri for publisher in context.topic.publishers):
         return connected
-    registered = needs.registration_parts(case, case.observer.name, case.target)
-    return connected | (registered - needs.passes(*case.masters, "rpc"))
+    registered = needs.registration_parts(context, context.observer.name, context.target)
+    return connected | (registered - needs.passes(*context.masters, "rpc"))
 
 
-def _topic_suspects(case: Case) -> Parts:
+def _topic_suspects(context: CheckContext) -> Parts:
     """A topic that is registered at the observer's roscore needs only the connection."""
-    one, other, topic = case.observer.name, case.target, case.topic
+    one, other, topic = context.observer.name, context.target, context.topic
     listens = make_parts("registration", one, "listener")
     if topic is None:
         there = make_parts("computer", other, "off", "unmeasured", "login") | needs.roscore(
-            case, other, case.masters[1]
+            context, other, context.masters[1]
         )
         return there | make_parts("registration", other, "talker") | listens
     if not topic.listened:
-        return listens | make_parts("computer", one, "overloaded") | needs.roscore(case, one, case.masters[0])
-    stage = stages.find_stage(stages.observe_call(case))
+        return listens | make_parts("computer", one, "overloaded") | needs.roscore(context, one, context.masters[0])
+    stage = stages.find_stage(stages.observe_call(context))
     if stage == Stage.REGISTERED:
-        return needs.home_parts(case, other)
-    told = needs.passes(case.masters[0], one, "nodes")  # its roscore tells it of a new publisher
-    odd = make_parts("computer", one, "overloaded") | needs.large(case, one, other)
+        return needs.home_parts(context, other)
+    told = needs.passes(context.masters[0], one, "nodes")  # its roscore tells it of a new publisher
+    odd = make_parts("computer", one, "overloaded") | needs.large(context, one, other)
     if topic.reached_outcome == Outcome.OPEN:  # its message is late, or too large
         return odd | make_parts("computer", other, "overloaded") | told | listens
     if topic.publishers:
-        return needs.node_connection_parts(case, one, other) - listens | told | odd
-    own, its = case.masters
-    beyond = make_parts("sync", own, "configuration") | needs.discovery(own) | needs.heartbeats(case, own, its)
-    sizes = needs.large(case, own, its) | needs.large(case, one, own) | needs.large(case, other, its)
-    return needs.registration_parts(case, one, other) | sizes | (beyond if own != its else frozenset())
+        return needs.node_connection_parts(context, one, other) - listens | told | odd
+    own, its = context.masters
+    beyond = make_parts("sync", own, "configuration") | needs.discovery(own) | needs.heartbeats(context, own, its)
+    sizes = needs.large(context, own, its) | needs.large(context, one, own) | needs.large(context, other, its)
+    return needs.registration_parts(context, one, other) | sizes | (beyond if own != its else frozenset())
 
 
-def _find_topic_fault(case: Case, topic: HeardTopic) -> Parts:
+def _find_topic_fault(context: CheckContext, topic: HeardTopic) -> Parts:
     if not topic.listened:
         return frozenset()
-    if stages.is_filtered(case, topic.topic):
-        return make_parts("declaration", case.robots[0], "narrow", what="the test topic /multimaster_verify/*")
-    there = case.peer.probe if case.peer else Probe()
+    if stages.is_filtered(context, topic.topic):
+        return make_parts("declaration", context.robots[0], "narrow", what="the test topic /multimaster_verify/*")
+    there = context.peer.probe if context.peer else Probe()
     # Without its roscore no talker runs.
     if there.talker and not there.talker.running and not there.roscore.error and not topic.publishers:
-        return make_parts("registration", case.target, "talker", what=there.talker.error)
-    return stages.find_lacking(case, stages.find_stage(stages.observe_call(case)), topic.topic)
+        return make_parts("registration", context.target, "talker", what=there.talker.error)
+    return stages.find_lacking(context, stages.find_stage(stages.observe_call(context)), topic.topic)
 
 
 @Check(
@@ -80,11 +80,11 @@ def _find_topic_fault(case: Case, topic: HeardTopic) -> Parts:
     suspects=_topic_suspects,
     carries="nodes",
 )
-def _judge_topic_heard(case: Case) -> Judgement | None:
-    target = case.peer
-    if not case.observer.is_probed or target is None or case.observer.lacks_ros or _gives_nothing(case):
+def _judge_topic_heard(context: CheckContext) -> Judgement | None:
+    target = context.peer
+    if not context.observer.is_probed or target is None or context.observer.lacks_ros or _gives_nothing(context):
         return None
-    entry = case.topic
+    entry = context.topic
     if entry is None:
         # A talker that never was is no fault of this pair.
         silent = target.seen.unreachable or (target.seen.probe is not None and target.lacks_ros)
@@ -92,8 +92,8 @@ def _judge_topic_heard(case: Case) -> Judgement | None:
     expected = f"a message on {entry.topic}"
     if entry.heard:
         return Judgement(OK, expected, "heard")
-    broken = _find_topic_fault(case, entry)
-    if stages.is_filtered(case, entry.topic):
+    broken = _find_topic_fault(context, entry)
+    if stages.is_filtered(context, entry.topic):
         found = "the topic is left out by multimaster_filters"
         return Judgement(UNKNOWN, expected, found, broken, entry.reached_outcome)
     return Judgement(FAILED, expected, entry.error or "nothing", broken, entry.reached_outcome)
@@ -105,19 +105,19 @@ def _judge_topic_heard(case: Case) -> Judgement | None:
 @Check(
     title="rostopic info shows a direct connection",
     scope=MEMBER,
-    suspects=lambda case: needs.registration_parts(case, case.observer.name, case.target),
+    suspects=lambda context: needs.registration_parts(context, context.observer.name, context.target),
 )
-def _judge_direct_connection(case: Case) -> Judgement | None:
-    if case.topic is None or not case.topic.publishers:
+def _judge_direct_connection(context: CheckContext) -> Judgement | None:
+    if context.topic is None or not context.topic.publishers:
         return None
-    publishers = case.topic.publishers
-    called = case.ways.called[case.target]
+    publishers = context.topic.publishers
+    called = context.ways.called[context.target]
     good = all(host_of(publisher.uri) in called for publisher in publishers)
     found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
     others = sorted({host_of(publisher.uri) or publisher.uri for publisher in publishers if publisher.uri} - called)
-    shell = make_parts("environment", case.target, "shell", what=f"they call themselves {', '.join(others)}")
+    shell = make_parts("environment", context.target, "shell", what=f"they call themselves {', '.join(others)}")
     return Judgement(
-        OK if good else FAILED, f"the publisher is on {case.target}", found, shell if others else frozenset()
+        OK if good else FAILED, f"the publisher is on {context.target}", found, shell if others else frozenset()
     )
 
 
@@ -127,15 +127,17 @@ def _judge_direct_connection(case: Case) -> Judgement | None:
 @Check(
     title="throughput",
     scope=MEMBER,
-    needs=lambda case: needs.slow(case, case.observer.name, case.target) if case.state.least else frozenset(),
+    needs=lambda context: (
+        needs.slow(context, context.observer.name, context.target) if context.state.least else frozenset()
+    ),
     shown=True,
 )
-def _judge_throughput(case: Case) -> Judgement | None:
+def _judge_throughput(context: CheckContext) -> Judgement | None:
     """Judge by what the user expects: the user alone knows how fast a link is to be."""
-    stream = case.observer.streams.get(case.target)
-    if stream is None or case.peer is None:
+    stream = context.observer.streams.get(context.target)
+    if stream is None or context.peer is None:
         return None
-    expected = f"at least {case.state.least:g} Mbit/s" if case.state.least else "any"
+    expected = f"at least {context.state.least:g} Mbit/s" if context.state.least else "any"
     if stream.mbit_s is None:
         return Judgement(UNKNOWN, expected, f"not measured: {stream.error}")
-    return Judgement(OK if stream.mbit_s >= case.state.least else WARNING, expected, f"{stream.mbit_s:.1f} Mbit/s")
+    return Judgement(OK if stream.mbit_s >= context.state.least else WARNING, expected, f"{stream.mbit_s:.1f} Mbit/s")

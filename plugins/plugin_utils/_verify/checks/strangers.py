@@ -9,25 +9,25 @@ from ipaddress import IPv4Address
 
 from ..._base.hosts import host_of
 from ..._plan.model import COMMON
-from ..context.case import Case
+from ..context.check_context import CheckContext
 from ..context.needs import Parts, join_parts, make_parts
 from ..observe.observations import IgnoredSender
 from ..observe.uris import is_one_of
 from .engine import WARNING, Check, Judgement, judge_fault
 
 
-def _find_guests(case: Case) -> dict[str, str]:
+def _find_guests(context: CheckContext) -> dict[str, str]:
     """List the masters in the list that are not planned: name -> address."""
-    planned = {master.name for master in case.fleet.masters}
-    return {name: host_of(entry.monitoruri) for name, entry in case.observer.listed.items() if name not in planned}
+    planned = {master.name for master in context.fleet.masters}
+    return {name: host_of(entry.monitoruri) for name, entry in context.observer.listed.items() if name not in planned}
 
 
-def _datagrams(case: Case, named: set[str]) -> list[str]:
+def _datagrams(context: CheckContext, named: set[str]) -> list[str]:
     """Return who else sends to the group, beside those that are named already."""
     return [
         f"datagrams from {entry.address} on {entry.interface}"
-        for entry in case.observer.multicast.unexpected
-        if entry.address not in named and not _is_allowed(case, entry.address)
+        for entry in context.observer.multicast.unexpected
+        if entry.address not in named and not _is_allowed(context, entry.address)
     ]
 
 
@@ -35,52 +35,56 @@ def _title(entry: IgnoredSender) -> str:
     return f"{entry.name or 'a sender of heartbeats'} at {entry.address}"
 
 
-def _is_allowed(case: Case, address: str) -> bool:
+def _is_allowed(context: CheckContext, address: str) -> bool:
     """Return True if a master outside the inventory may be at this address."""
-    if case.fleet.belonging.strangers == "allow":
+    if context.fleet.belonging.strangers == "allow":
         return True
     try:
-        return any(IPv4Address(address) in network for network in case.fleet.belonging.allow)
+        return any(IPv4Address(address) in network for network in context.fleet.belonging.allow)
     except ValueError:
         return False
 
 
-def _list_strangers(case: Case) -> Parts:
+def _list_strangers(context: CheckContext) -> Parts:
     """Each of them is one, by whomever it is seen."""
-    outsiders = case.probe.outsiders
-    found = {**_find_unwanted(case), **{entry.address: entry.name for entry in outsiders}}
-    known = join_parts(_misread_member_parts(case, entry) for entry in outsiders if case.ways.name_at(entry.address))
-    strange = {at: name for at, name in found.items() if not case.ways.name_at(at)}
+    outsiders = context.probe.outsiders
+    found = {**_find_unwanted(context), **{entry.address: entry.name for entry in outsiders}}
+    known = join_parts(
+        _misread_member_parts(context, entry) for entry in outsiders if context.ways.name_at(entry.address)
+    )
+    strange = {at: name for at, name in found.items() if not context.ways.name_at(at)}
     return known | join_parts(make_parts("stranger", at or name, "present", what=name) for at, name in strange.items())
 
 
-def _find_unwanted(case: Case) -> dict[str, str]:
+def _find_unwanted(context: CheckContext) -> dict[str, str]:
     """List those on the group and in the list of masters that are neither planned nor allowed: address -> name."""
-    senders = {entry.address: "" for entry in case.observer.multicast.unexpected}
-    guests = {address: name for name, address in _find_guests(case).items()}
-    return {at: name for at, name in {**senders, **guests}.items() if not _is_allowed(case, at)}
+    senders = {entry.address: "" for entry in context.observer.multicast.unexpected}
+    guests = {address: name for name, address in _find_guests(context).items()}
+    return {at: name for at, name in {**senders, **guests}.items() if not _is_allowed(context, at)}
 
 
-def _misread_member_parts(case: Case, entry: IgnoredSender) -> Parts:
+def _misread_member_parts(context: CheckContext, entry: IgnoredSender) -> Parts:
     """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
-    computer = case.ways.name_at(entry.address)
-    master = case.ways.master_at.get(computer)
-    if master is not None and not is_one_of(entry.uri, case.fleet.master_uris[master.robot]):
+    computer = context.ways.name_at(entry.address)
+    master = context.ways.master_at.get(computer)
+    if master is not None and not is_one_of(entry.uri, context.fleet.master_uris[master.robot]):
         return make_parts("roscore", computer, "name", what=entry.uri)
-    beyond = COMMON if computer in case.ways.titles else ""
+    beyond = COMMON if computer in context.ways.titles else ""
     return make_parts("translation", computer, "on", what=beyond)
 
 
 @Check(
     title="nobody else is on the group",
-    when=lambda case: case.observer.is_probed and bool(case.observer.seen.multicast or case.observer.listed),
+    when=lambda context: (
+        context.observer.is_probed and bool(context.observer.seen.multicast or context.observer.listed)
+    ),
 )
-def _judge_strangers(case: Case) -> Judgement:
-    guests = _find_guests(case)
-    welcome = sorted(name for name, address in guests.items() if _is_allowed(case, address))
-    ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in case.probe.outsiders]
+def _judge_strangers(context: CheckContext) -> Judgement:
+    guests = _find_guests(context)
+    welcome = sorted(name for name, address in guests.items() if _is_allowed(context, address))
+    ignored = [f"{_title(entry)} is ignored: {entry.why}" for entry in context.probe.outsiders]
     unwanted = [f"master {name} at {guests[name]}" for name in sorted(set(guests) - set(welcome))]
-    named = {*guests.values(), *(entry.address for entry in case.probe.outsiders)}
-    found = [*ignored, *unwanted, *_datagrams(case, named)]
+    named = {*guests.values(), *(entry.address for entry in context.probe.outsiders)}
+    found = [*ignored, *unwanted, *_datagrams(context, named)]
     fine = f"only those, and the allowed {', '.join(welcome)}" if welcome else "only those"
-    return judge_fault(WARNING, "only computers of the fleet", ", ".join(found), fine, _list_strangers(case))
+    return judge_fault(WARNING, "only computers of the fleet", ", ".join(found), fine, _list_strangers(context))

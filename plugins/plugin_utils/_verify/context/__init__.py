@@ -5,7 +5,7 @@
 __all__ = (
     "actual_world",
     "announcements",
-    "case",
+    "check_context",
     "errors",
     "hooks",
     "needs",

@@ -18,7 +18,7 @@ from ..._network.model import Interface, Machine, Route, World, kernel_routes
 from ..._plan.model import ComputerPlan, FleetPlan
 from ..components.parts import Component
 from ..observe.observations import ForwardingInterface
-from .case import FleetState, Participant
+from .check_context import FleetState, Participant
 from .packet_filters import TRAFFIC
 
 DOWN = ("down", "lowerlayerdown")  # operational states of an interface without a link

@@ -15,7 +15,7 @@ from ..components.parts import Component
 from ..observe.observations import Ping
 from ..observe.outcomes import Outcome
 from . import needs
-from .case import Case
+from .check_context import CheckContext
 from .needs import Parts, join_parts, make_parts
 from .packet_filters import ROSCORE
 
@@ -38,32 +38,32 @@ def list_own_parts(outcome: Outcome, sender: str, traffic: str) -> list[Componen
     return [Component(kind, sender, mode.format(traffic), what) for kind, mode, what in OWN.get(outcome, ())]
 
 
-def find_parts(case: Case, outcome: Outcome, traffic: str) -> Parts:
+def find_parts(context: CheckContext, outcome: Outcome, traffic: str) -> Parts:
     """Return what the outcome of a probe leaves of all suspects; nothing where it says nothing. `traffic` is a word of TRAFFIC."""
-    target = case.masters[0] if traffic == ROSCORE else case.target
-    if own := list_own_parts(outcome, case.observer.name, traffic):
+    target = context.masters[0] if traffic == ROSCORE else context.target
+    if own := list_own_parts(outcome, context.observer.name, traffic):
         return frozenset(own)
     if outcome == Outcome.REFUSED and traffic in REFUSED:
-        return REFUSED[traffic](target) | list_refusers(case, target, traffic)
+        return REFUSED[traffic](target) | list_refusers(context, target, traffic)
     if outcome == Outcome.RESET and traffic in PROGRAMS:
-        return make_parts(PROGRAMS[traffic], target, "hung") | list_rejects(case, target, traffic)
-    if outcome not in REPORTED or target not in case.ways.members:
+        return make_parts(PROGRAMS[traffic], target, "hung") | list_rejects(context, target, traffic)
+    if outcome not in REPORTED or target not in context.ways.members:
         return frozenset()
-    return _find_reported_parts(case, outcome, target, traffic)
+    return _find_reported_parts(context, outcome, target, traffic)
 
 
-def _find_reported_parts(case: Case, outcome: Outcome, target: str, traffic: str) -> Parts:
+def _find_reported_parts(context: CheckContext, outcome: Outcome, target: str, traffic: str) -> Parts:
     """Return what is left of an unreachable target, as the ping of the same pair has its reporter."""
-    ping = (case.observer.members[target].ping_address if target in case.observer.members else None) or Ping()
+    ping = (context.observer.members[target].ping_address if target in context.observer.members else None) or Ping()
     if ping.ok or (
         ping.outcome == Outcome.PROHIBITED and outcome != ping.outcome
     ):  # the way is good, and something rejects this kind
-        return list_rejects(case, target, traffic)
-    if ping.outcome != outcome and target != case.observer.name:  # a socket of TCP tells no reporter
+        return list_rejects(context, target, traffic)
+    if ping.outcome != outcome and target != context.observer.name:  # a socket of TCP tells no reporter
         return frozenset()
     if not ping.reporter:
-        return _list_lost_routes(case, target)
-    return REPORTED[outcome](case, case.ways.name_at(ping.reporter), target)
+        return _list_lost_routes(context, target)
+    return REPORTED[outcome](context, context.ways.name_at(ping.reporter), target)
 
 
 PROGRAMS = {ROSCORE: "roscore", "rpc": "discovery"}  # traffic -> the program that it asks
@@ -73,59 +73,59 @@ REFUSED: Mapping[str, Callable[[str], Parts]] = {
 }
 
 
-def list_refusers(case: Case, target: str, traffic: str) -> Parts:
+def list_refusers(context: CheckContext, target: str, traffic: str) -> Parts:
     """List what may refuse in the target's place: another computer with its address, or a packet filter."""
-    return needs.duplicates(case, case.observer.name, target) | list_rejects(case, target, traffic)
+    return needs.duplicates(context, context.observer.name, target) | list_rejects(context, target, traffic)
 
 
-def list_rejects(case: Case, target: str, traffic: str) -> Parts:
+def list_rejects(context: CheckContext, target: str, traffic: str) -> Parts:
     """List the packet filters that may report an error in the target's place."""
-    if target == case.observer.name:
+    if target == context.observer.name:
         return frozenset()
-    between = case.ways.list_forwarders(case.observer.name, target)
+    between = context.ways.list_forwarders(context.observer.name, target)
     forwards = join_parts(make_parts("filter", gateway, "forward") for gateway in between)
-    return forwards | needs.passes(case.observer.name, target, traffic)
+    return forwards | needs.passes(context.observer.name, target, traffic)
 
 
-def _list_lost_routes(case: Case, target: str) -> Parts:
+def _list_lost_routes(context: CheckContext, target: str) -> Parts:
     """The observer's own kernel has no route there, or one of the type unreachable."""
-    name = case.observer.name
+    name = context.observer.name
     return (
-        needs.route_parts(name, case.ways.network_of(target))
+        needs.route_parts(name, context.ways.network_of(target))
         | make_parts("route", name, "closed", "rule")
         | make_parts("interface", name, "address", "prefix")
-        | needs.port_parts(case, name)
-        | make_parts("link", name, "down", what=case.ways.list_links(name, target)[0][1])
+        | needs.port_parts(context, name)
+        | make_parts("link", name, "down", what=context.ways.list_links(name, target)[0][1])
     )
 
 
-def _list_silent_neighbours(case: Case, reporter: str, target: str) -> Parts:
+def _list_silent_neighbours(context: CheckContext, reporter: str, target: str) -> Parts:
     """The reporter, which may be the observer, got no ARP answer from the next hop: the target, or a gateway."""
     if not reporter:
         return frozenset()
-    crossed = case.ways.list_links(reporter, target)
+    crossed = context.ways.list_links(reporter, target)
     network = crossed[0][1]
     following = next((place for place, _network in crossed if place != reporter), target)
     found = needs.silent_parts(reporter, following, network)
     for place in (reporter, following):
         found |= make_parts("interface", place, "address", "prefix") | make_parts("neighbour", place, "mute", "filter")
-        found |= needs.port_parts(case, place)
-    beyond = case.ways.network_of(target)
-    if not case.ways.is_in(reporter, beyond):  # or it has looked for the target in a network of its own
+        found |= needs.port_parts(context, place)
+    beyond = context.ways.network_of(target)
+    if not context.ways.is_in(reporter, beyond):  # or it has looked for the target in a network of its own
         found |= needs.route_parts(reporter, beyond)
     return found
 
 
 #: ICMP error -> the parts of the computer that reports it, by its name, and of the target
-REPORTED: Mapping[Outcome, Callable[[Case, str, str], Parts]] = {
+REPORTED: Mapping[Outcome, Callable[[CheckContext, str, str], Parts]] = {
     Outcome.HOST_UNREACHABLE: _list_silent_neighbours,
-    Outcome.NETWORK_UNREACHABLE: lambda case, reporter, target: make_parts(
-        "route", reporter, "missing", what=case.ways.network_of(target)
+    Outcome.NETWORK_UNREACHABLE: lambda context, reporter, target: make_parts(
+        "route", reporter, "missing", what=context.ways.network_of(target)
     ),
-    Outcome.TIME_EXCEEDED: lambda case, reporter, target: make_parts(
-        "route", reporter, "circle", what=case.ways.network_of(target)
+    Outcome.TIME_EXCEEDED: lambda context, reporter, target: make_parts(
+        "route", reporter, "circle", what=context.ways.network_of(target)
     ),
-    Outcome.PROHIBITED: lambda case, reporter, target: (
-        make_parts("filter", reporter or target, "forward") | needs.passes(case.observer.name, target, "icmp")
+    Outcome.PROHIBITED: lambda context, reporter, target: (
+        make_parts("filter", reporter or target, "forward") | needs.passes(context.observer.name, target, "icmp")
     ),
 }

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..components.parts import Component
-from .case import Case
+from .check_context import CheckContext
 
 
 @dataclass(frozen=True)
@@ -17,9 +17,9 @@ class ContextHooks:
     """The parts of a feature that packets need."""
 
     #: on the way between these places on the common network
-    list_way_parts: Callable[[Case, Sequence[str]], frozenset[Component]] = lambda case, places: frozenset()
+    list_way_parts: Callable[[CheckContext, Sequence[str]], frozenset[Component]] = lambda context, places: frozenset()
     #: for large packets at this place on the common network
-    list_large_parts: Callable[[Case, str], frozenset[Component]] = lambda case, place: frozenset()
+    list_large_parts: Callable[[CheckContext, str], frozenset[Component]] = lambda context, place: frozenset()
     #: for the planned routes of this computer to come first
     list_route_parts: Callable[[str], frozenset[Component]] = lambda computer: frozenset()
     #: its service -> the kind and mode of what is broken while that is down

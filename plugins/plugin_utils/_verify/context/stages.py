@@ -15,7 +15,7 @@ from enum import Enum
 from ..._base.sentences import shorten_list
 from ..observe.observations import Exchange, GivenTopics, HeardTopic, RefusedName
 from ..observe.outcomes import Outcome
-from .case import Case, Participant
+from .check_context import CheckContext, Participant
 from .needs import Parts, join_parts, make_parts
 from .registrations import TEST_NODES, RegisteredItem
 from .ways import Ways
@@ -56,33 +56,37 @@ def find_stage(seen: Seen) -> Stage | None:
     return first
 
 
-def is_filtered(case: Case, topic: str) -> bool:
+def is_filtered(context: CheckContext, topic: str) -> bool:
     """Return True if the filters between the two robots leave the topic of a talker out."""
-    own, its = case.robots
+    own, its = context.robots
     talker = RegisteredItem("publisher", topic, TALKER_NODE + topic.rpartition("/")[2])
-    return own != its and not case.state.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
+    return own != its and not context.state.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
 
 
 # What was seen of each stage
 
 
-def observe_call(case: Case) -> dict[Stage, bool | None]:
+def observe_call(context: CheckContext) -> dict[Stage, bool | None]:
     """Say of each stage what it has of the topic of the target's talker."""
-    topic = case.topic
+    topic = context.topic
     if topic is None:
         return {}
-    return {**observe_exchange(case, topic.topic), Stage.IMPORTED: _is_here(case, topic), **_observe_listener(topic)}
+    return {
+        **observe_exchange(context, topic.topic),
+        Stage.IMPORTED: _is_here(context, topic),
+        **_observe_listener(topic),
+    }
 
 
-def observe_exchange(case: Case, topic: str) -> dict[Stage, bool | None]:
+def observe_exchange(context: CheckContext, topic: str) -> dict[Stage, bool | None]:
     """Say of the stages between two roscores what they have of a topic of the target's robot."""
-    own, its = (case.run.get(name) for name in case.masters)
-    at_home = _find_source(its, case.masters[1])
+    own, its = (context.run.get(name) for name in context.masters)
+    at_home = _find_source(its, context.masters[1])
     registered = topic in at_home.topics or _has_topic(_read_exchange(its), topic)
     if own is its:
         between: bool | None = registered or None  # there is nothing between
         return dict.fromkeys((Stage.DISCOVERED, Stage.GIVEN, Stage.PLANNED), between) | {Stage.REGISTERED: registered}
-    gives = _is_given(case, own, its, topic)
+    gives = _is_given(context, own, its, topic)
     return {
         Stage.REGISTERED: registered,
         # of all topics of its roscore those are told that it has not
@@ -116,12 +120,12 @@ def _has_import(own: Participant | None, topic: str) -> bool | None:
     return any(entry.name == topic and entry.publishers for entry in entries)
 
 
-def _is_here(case: Case, topic: HeardTopic) -> bool | None:
+def _is_here(context: CheckContext, topic: HeardTopic) -> bool | None:
     """The observer's roscore has the topic, or had it. What has come only after the listener has ended says nothing."""
-    own = case.run.get(case.masters[0])
+    own = context.run.get(context.masters[0])
     if topic.publishers:
         return True
-    same = case.masters[0] == case.masters[1]
+    same = context.masters[0] == context.masters[1]
     has = _has_topic(_read_exchange(own), topic.topic) if same else _has_import(own, topic.topic)
     return None if has else has
 
@@ -135,13 +139,13 @@ def _has_answered(source: GivenTopics) -> bool:
     return source.outcome == Outcome.ANSWERED
 
 
-def _is_given(case: Case, own: Participant | None, its: Participant | None, topic: str) -> bool | None:
+def _is_given(context: CheckContext, own: Participant | None, its: Participant | None, topic: str) -> bool | None:
     """Return True if the other discovery node gives the topic to the own sync node; None where it was not asked.
 
     A node that serves as planned, and has given the topics of all talkers, which are new, gives the others, too.
     """
-    source = _find_source(own, case.masters[1])
-    if own is None or not _is_listed(case, own):
+    source = _find_source(own, context.masters[1])
+    if own is None or not _is_listed(context, own):
         return None
     if _has_answered(source) and topic in source.topics:
         return topic in source.given
@@ -149,14 +153,14 @@ def _is_given(case: Case, own: Participant | None, its: Participant | None, topi
     if parameters is None or "master_discovery" not in parameters.nodes or its is None:
         return None
     differs = any(entry.node == "master_discovery" for entry in parameters.differing)
-    talkers = _find_source(its, case.masters[1]).given
+    talkers = _find_source(its, context.masters[1]).given
     arrived = bool(talkers) and all(_has_import(own, other) for other in talkers)
     return True if arrived and not differs else None
 
 
-def _is_listed(case: Case, own: Participant) -> bool:
+def _is_listed(context: CheckContext, own: Participant) -> bool:
     """The own discovery node has the other master online: else its sync node is not told of it."""
-    master = case.fleet.master_of.get(case.robots[1])
+    master = context.fleet.master_of.get(context.robots[1])
     entry = own.listed.get(master.name) if master else None
     return entry is not None and entry.online
 
@@ -183,17 +187,17 @@ def _observe_listener(topic: HeardTopic) -> dict[Stage, bool | None]:
 # What lacks it
 
 
-def find_refusals(case: Case, names: list[str]) -> Parts:
+def find_refusals(context: CheckContext, names: list[str]) -> Parts:
     """Return the sync node of the observer where it refuses some of these names, with its reasons where it tells them."""
-    own = case.run.get(case.masters[0])
+    own = context.run.get(context.masters[0])
     services = own.probe.services if own else ()
     refused = {name for service in services for name in service.refused}
     names = list(dict.fromkeys(name for name in names if name in refused))
     reasons = {row.name: describe_refusal(row) for service in services for row in service.refusals}
     told = [f"{name}: {reasons[name]}" for name in names if name in reasons]
     if told:
-        return make_parts("sync", case.masters[0], "objects", what=shorten_list(told, NAMED))
-    return make_parts("sync", case.masters[0], "refuses", what=shorten_list(names, NAMED)) if names else frozenset()
+        return make_parts("sync", context.masters[0], "objects", what=shorten_list(told, NAMED))
+    return make_parts("sync", context.masters[0], "refuses", what=shorten_list(names, NAMED)) if names else frozenset()
 
 
 def describe_refusal(row: RefusedName) -> str:
@@ -207,33 +211,33 @@ def describe_refusal(row: RefusedName) -> str:
     return words.get(row.kind, row.here)
 
 
-def find_lacking(case: Case, stage: Stage | None, topic: str) -> Parts:
+def find_lacking(context: CheckContext, stage: Stage | None, topic: str) -> Parts:
     """Return the component that lacks the call first, with its computer; nothing where the way to it has to be looked at."""
-    own, its = case.masters
+    own, its = context.masters
     if stage == Stage.DISCOVERED:
         return make_parts("discovery", its, "stale", what=topic)
     if stage == Stage.GIVEN:
         return make_parts("discovery", its, "configuration")
     if stage == Stage.PLANNED:
-        computer = case.run.get(own)
+        computer = context.run.get(own)
         others = shorten_list(_list_objections(computer, [topic]) if computer else [], NAMED)
-        return find_refusals(case, [topic]) or make_parts("sync", own, "configuration", what=others)
+        return find_refusals(context, [topic]) or make_parts("sync", own, "configuration", what=others)
     if stage == Stage.IMPORTED and own != its:
-        return make_parts("sync", own, "stale", what=case.robots[1])
-    return _find_lacking_node(case, stage)
+        return make_parts("sync", own, "stale", what=context.robots[1])
+    return _find_lacking_node(context, stage)
 
 
-def _find_lacking_node(case: Case, stage: Stage | None) -> Parts:
+def _find_lacking_node(context: CheckContext, stage: Stage | None) -> Parts:
     """Return the node that lacks the call, or the packet filter that keeps it from it."""
-    one, other, topic = case.observer.name, case.target, case.topic
+    one, other, topic = context.observer.name, context.target, context.topic
     if stage == Stage.REGISTERED:
-        return make_parts("registration", other, "talker") if _has_talker(case.peer) else frozenset()
-    if stage == Stage.TOLD and one != case.masters[0]:
-        return _find_drop(case, case.masters[0], one) or make_parts("registration", one, "untold")
+        return make_parts("registration", other, "talker") if _has_talker(context.peer) else frozenset()
+    if stage == Stage.TOLD and one != context.masters[0]:
+        return _find_drop(context, context.masters[0], one) or make_parts("registration", one, "untold")
     if stage == Stage.CONNECTED and topic is not None and topic.step == "answered":
-        return _find_drop(case, one, other) or make_parts("registration", other, "closed")
-    master = case.run.get(case.masters[1])
-    if stage == Stage.READ and topic is not None and topic.step == "told" and _is_silent(master, other, case.ways):
+        return _find_drop(context, one, other) or make_parts("registration", other, "closed")
+    master = context.run.get(context.masters[1])
+    if stage == Stage.READ and topic is not None and topic.step == "told" and _is_silent(master, other, context.ways):
         return make_parts("registration", other, "mute", what=TALKER)
     return frozenset()
 
@@ -244,16 +248,16 @@ def _has_talker(computer: Participant | None) -> bool:
     return probe is not None and not probe.roscore.error and probe.talker is not None
 
 
-def _find_drop(case: Case, sender: str, target: str) -> Parts:
-    drop = case.state.filters.find_drop(sender, target, "nodes")
+def _find_drop(context: CheckContext, sender: str, target: str) -> Parts:
+    drop = context.state.filters.find_drop(sender, target, "nodes")
     return frozenset({drop}) if drop else frozenset()
 
 
-def find_mute_talkers(case: Case) -> Parts:
+def find_mute_talkers(context: CheckContext) -> Parts:
     """Return the talkers of the observer's robot that take its connections, and say nothing on two of them."""
-    told = (entry for entry in case.observer.topics.values() if _observe_listener(entry).get(Stage.READ) is False)
+    told = (entry for entry in context.observer.topics.values() if _observe_listener(entry).get(Stage.READ) is False)
     mute = (entry for entry in told if entry.step == "told" and entry.reached_outcome == Outcome.OPEN)
-    silent = (entry.computer for entry in mute if _is_silent(case.observer, entry.computer, case.ways))
+    silent = (entry.computer for entry in mute if _is_silent(context.observer, entry.computer, context.ways))
     return join_parts(make_parts("registration", name, "mute", what=TALKER) for name in silent)
 
 

@@ -16,7 +16,7 @@ from ..._base import advice
 from ..._faults.fault import Advice, Advices
 from ..._faults.filters import DROPPED, RULED
 from ..components.parts import Component
-from ..context.case import FleetState, Participant
+from ..context.check_context import FleetState, Participant
 from .node_remedies import list_remedies
 from .onset import MAKERS
 

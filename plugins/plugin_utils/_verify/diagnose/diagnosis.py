@@ -19,7 +19,7 @@ from ..._faults.fault import ALWAYS, CONTROLLER, INVENTORY, Advices
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Judgement, Row, Verification
 from ..components.parts import ANY, FOLLOWS, HEARSAY, RULED, Component
 from ..context import needs
-from ..context.case import LATELY, Participant
+from ..context.check_context import LATELY, Participant
 from ..context.errors import find_parts
 from ..context.needs import Parts
 from ..trace.findings import SeenEnd, find_ends
@@ -156,11 +156,11 @@ class _Diagnosis:
     def _read(self, row: Row) -> None:
         """Note what a row shows to be broken, or whom it lets suspect."""
         check = self.verification.checks[row.check]
-        case = self.verification.case(check, row.observer, row.target)
-        judged = check.look(case) or Judgement(row.verdict)
-        told = case.ways.seal(find_parts(case, judged.outcome, check.carries))
+        context = self.verification.make_context(check, row.observer, row.target)
+        judged = check.look(context) or Judgement(row.verdict)
+        told = context.ways.seal(find_parts(context, judged.outcome, check.carries))
         shown = told if len(told) == 1 else frozenset()
-        if evidence := self._find_drop(row) or self._read_end(row) or case.ways.seal(judged.broken) or shown:
+        if evidence := self._find_drop(row) or self._read_end(row) or context.ways.seal(judged.broken) or shown:
             for part in sorted(evidence):  # a set of texts has another order in each run
                 self._finding(part).proof.append(row)
         else:
@@ -338,8 +338,8 @@ class _Diagnosis:
         return frozenset(entry.part for entry in chosen)
 
     def _loss_suspects(self, row: Row) -> Parts:
-        case = self.verification.case(self.verification.checks[row.check], row.observer, row.target)
-        return needs.loss_parts(case, row.observer, row.target) | needs.loss_parts(case, *case.masters)
+        context = self.verification.make_context(self.verification.checks[row.check], row.observer, row.target)
+        return needs.loss_parts(context, row.observer, row.target) | needs.loss_parts(context, *context.masters)
 
     def _doubt(self, part: Component) -> float | None:
         """Say what it costs more to conclude a part that reading did not show; None where it would have shown it."""
@@ -415,10 +415,10 @@ class _Diagnosis:
         found = {}
         for check in self.verification.select_checks(observer, target):
             if (check.id, observer, target) not in self.bad:
-                case = self.verification.case(check, observer, target)
-                judged = check.look(case)
+                context = self.verification.make_context(check, observer, target)
+                judged = check.look(context)
                 if judged is not None and judged.verdict == OK:
-                    found[check.id] = case.ways.seal(check.needs(case))
+                    found[check.id] = context.ways.seal(check.needs(context))
         return found
 
     def _suspect_pairs(self, part: Component) -> Iterable[tuple[str, str]]:

@@ -14,7 +14,7 @@ from ..._base import advice
 from ..._faults.fault import HANDS, Advice, Advices
 from ..components.parts import Component
 from ..context.announcements import Misplaced
-from ..context.case import FleetState, Participant
+from ..context.check_context import FleetState, Participant
 
 PROFILE = ". /etc/profile.d/rosfleet-multimaster.sh"
 ENVIRONMENT = "/etc/rosfleet-multimaster/environment"

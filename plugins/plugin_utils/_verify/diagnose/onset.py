@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from ipaddress import IPv4Network
 
 from ..components.parts import Component
-from ..context.case import FleetState, Participant
+from ..context.check_context import FleetState, Participant
 from ..observe.observations import BootDeviation, Probe, ServiceState
 
 SERVICES = ("roscore", "discovery", "sync")

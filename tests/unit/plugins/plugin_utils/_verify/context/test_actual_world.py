@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.actual_world import ActualWorld
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import FleetState
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.check_context import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import PolicyRouting
 from fleets import fig12, observed, update
 from hypothesis import given, settings

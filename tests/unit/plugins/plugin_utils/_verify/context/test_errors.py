@@ -5,7 +5,10 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import Case, FleetState
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.check_context import (
+    CheckContext,
+    FleetState,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.errors import OWN, find_parts
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import diagnosed, fig12, no_answer, observed, of, parts, update
@@ -21,7 +24,7 @@ def find(outcome, traffic="rpc", ping=None, one=ONE, other=OTHER):
     if ping is not None:
         update(of(seen[one].probe.members, other), ping_address=ping)
     state = FleetState(fleet, seen)
-    return find_parts(Case(state, state.run[one], other), outcome, traffic)
+    return find_parts(CheckContext(state, state.run[one], other), outcome, traffic)
 
 
 def places(found):

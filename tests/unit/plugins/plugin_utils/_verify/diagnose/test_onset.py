@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.case import FleetState
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.check_context import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.onset import describe_onset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,

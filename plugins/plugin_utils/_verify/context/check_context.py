@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A case: one observer and one target of a fleet, with state that a check may look at."""
+"""The context of a check: one observer and one target of a fleet, with state that a check may look at."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ class FleetState:
         self.filters = ReadFilters(fleet, {name: computer.seen for name, computer in self.run.items()})
 
 
-class Case:  # no dataclass: a large fleet has hundreds of thousands, and many checks look at each
+class CheckContext:  # no dataclass: a large fleet has hundreds of thousands, and many checks look at each
     """The fleet, an observer, and a target: a member or a master of the plan."""
 
     def __init__(
