@@ -18,9 +18,9 @@ from pathlib import Path
 import ansible_collections
 import pytest
 import yaml
+from namespaces import why_not
 
 from tests.unit import module_server
-from tests.unit.plugins.module_utils._apply.routes.test_run import why_not
 
 MODULES = Path(next(iter(ansible_collections.__path__))) / "rosfleet/multimaster/plugins/modules"
 PARTS = ("sysctl", "routes", "hosts_entries", "managed_files", "managed_services", "tunnel")

@@ -4,6 +4,7 @@
 """Computers for tests of modules that send packets: each is a network and mount namespace of its own, on a bridge in another."""
 
 import contextlib
+import functools
 import json
 import os
 import shutil
@@ -19,14 +20,17 @@ MODULES = "ansible_collections.rosfleet.multimaster.plugins.modules."
 COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
 
 
-def why_not():
+@functools.cache
+def why_not(*tried):
+    """Why no network namespace can be made in which this command works; "" where one can."""
     if os.geteuid() != 0:
         return "needs root, to make network namespaces"
     absent = [tool for tool in TOOLS if not shutil.which(tool)]
     if absent:
         return f"needs {', '.join(absent)}"
-    if subprocess.run(["unshare", "--net", "--mount", "true"], check=False, capture_output=True).returncode:
-        return "needs the right to make network namespaces"
+    command = ["unshare", "--net", "--mount", *(tried or ("true",))]
+    if subprocess.run(command, check=False, capture_output=True).returncode:
+        return f"needs the right to make network namespaces {' and '.join(tried[:1])}".rstrip()
     return ""
 
 

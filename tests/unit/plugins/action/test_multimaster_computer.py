@@ -3,15 +3,13 @@
 
 """The two runs of a computer's concerns, and what is made of their answers."""
 
-import types
-
 import pytest
 from ansible.errors import AnsibleConnectionFailure
 from ansible.playbook.task import Task
-from ansible.plugins.connection import ConnectionBase
 from ansible_collections.rosfleet.multimaster.plugins.action import multimaster_computer
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import environment
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import confirmation
+from kept_connection import Kept
 
 SYSCTL = {"settings": [], "confirm_within": 60}
 ROUTES = {"routes": [], "confirm_within": "30"}
@@ -33,19 +31,6 @@ def answer(diff=(), **concerns):
 DONE = [{"changed": True, "unconfirmed": False, "msg": "Done."}]
 RIGHT = [{"changed": False, "unconfirmed": False, "msg": "Right."}]
 WAITS = [{"changed": True, "unconfirmed": True, "msg": "Waits."}]
-
-
-class Kept(ConnectionBase):
-    """A connection that counts how often it is left."""
-
-    transport = _connect = exec_command = put_file = fetch_file = close = None
-
-    def __init__(self, transport):
-        self.transport, self.resets = transport, 0
-        self._shell = types.SimpleNamespace(tmpdir=None)
-
-    def reset(self):
-        self.resets += 1
 
 
 @pytest.fixture

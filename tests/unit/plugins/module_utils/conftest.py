@@ -4,12 +4,15 @@
 """Fixtures for several rooms: runs that are killed, an environment with small commands of ROS, and a roscore."""
 
 import os
-import signal
+import pathlib
+import shutil
+import tempfile
 import threading
 import xmlrpc.server
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.ros import Ros
+from killed import die_at_call
 
 #: the calls that change files, or open one
 CALLS = ("open", "write", "rename", "unlink", "mkdir", "rmdir", "symlink", "chmod", "fchmod", "fsync")
@@ -25,18 +28,7 @@ def killed_at():
     def run(step, function, *arguments):
         child = os.fork()
         if child == 0:
-            calls = iter(range(step))
-
-            def dying(real):
-                def call(*args, **kwargs):
-                    if next(calls, None) is None:
-                        os.kill(os.getpid(), signal.SIGKILL)
-                    return real(*args, **kwargs)
-
-                return call
-
-            for name in CALLS:
-                setattr(os, name, dying(getattr(os, name)))
+            die_at_call(step, *CALLS)
             try:
                 function(*arguments)
             finally:
@@ -91,3 +83,14 @@ def roscore(ros):
     server.shutdown()
     thread.join()
     server.server_close()
+
+
+@pytest.fixture
+def tree():
+    """A folder that root alone can change: below /tmp, which has the sticky bit."""
+    folder = pathlib.Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    (folder / "ws/devel").mkdir(parents=True)
+    (folder / "ws/devel/setup.sh").write_text("export ROS_DISTRO=noetic\n")
+    yield folder
+    shutil.rmtree(folder)

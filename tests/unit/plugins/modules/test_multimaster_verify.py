@@ -4,10 +4,8 @@
 """The module multimaster_verify as Ansible runs it: a program of its own."""
 
 import json
-import subprocess
 
 import pytest
-from processes import with_paths
 
 from tests.unit import module_server
 
@@ -22,13 +20,6 @@ def test_check_mode_refuses_the_same(words):
         "port": 0,
         "_ansible_check_mode": True,
     }
-    done = subprocess.run(
-        module_server.command("multimaster_verify"),
-        input=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}),
-        env=with_paths(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = module_server.run("multimaster_verify", arguments)
     result = json.loads(done.stdout)
     assert result["failed"] and "the address of kobuki1computer is 'x'" in result["msg"]

@@ -4,10 +4,8 @@
 """The ends of a module, as Ansible runs it: a program of its own."""
 
 import json
-import subprocess
 
 import pytest
-from processes import with_paths
 
 from tests.unit import module_server
 
@@ -19,14 +17,7 @@ def test_a_long_option_is_not_sent_back(tmp_path, length, told):
         "files": [{"path": str(tmp_path / "missing" / "file"), "content": "x" * length}],
         "_ansible_check_mode": True,
     }
-    done = subprocess.run(
-        module_server.command("managed_files"),
-        input=json.dumps({"ANSIBLE_MODULE_ARGS": arguments}),
-        env=with_paths(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = module_server.run("managed_files", arguments)
     result = json.loads(done.stdout)
     (file,) = result["invocation"]["module_args"]["files"]
     assert file["content"] == told and file["path"].endswith("missing/file")

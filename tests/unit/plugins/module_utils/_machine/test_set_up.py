@@ -4,10 +4,7 @@
 """The variables that a set-up file may give to whom: real folders of several users."""
 
 import os
-import pathlib
 import pwd
-import shutil
-import tempfile
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import trust
@@ -16,17 +13,6 @@ from mentioned import mentions
 
 NOBODY = pwd.getpwnam("nobody")
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file to somebody else")
-
-
-@pytest.fixture(name="tree")
-def fixture_tree():
-    """A folder that root alone can change: below /tmp, which has the sticky bit."""
-    folder = pathlib.Path(tempfile.mkdtemp())
-    folder.chmod(0o755)
-    (folder / "ws/devel").mkdir(parents=True)
-    (folder / "ws/devel/setup.sh").write_text("export ROS_DISTRO=noetic\n")
-    yield folder
-    shutil.rmtree(folder)
 
 
 def test_names_of_variables():

@@ -5,13 +5,13 @@
 
 import signal
 import time
-import types
 
 import pytest
 from ansible.errors import AnsibleAuthenticationFailure, AnsibleConnectionFailure
 from ansible.playbook.task import Task
 from ansible.plugins.connection import ConnectionBase
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import confirmation
+from kept_connection import Kept
 from mentioned import mentions
 
 UNCONFIRMED = {"changed": True, "unconfirmed": True, "diff": [1], "settings": ["first"]}
@@ -22,19 +22,6 @@ LOST = AnsibleConnectionFailure("Failed to connect to the host via ssh: Broken p
 REFUSED = AnsibleConnectionFailure(
     "Failed to connect to the host via ssh: ssh: connect to host x port 22: No route to host"
 )
-
-
-class Kept(ConnectionBase):
-    """A connection that counts how often it is left."""
-
-    transport = _connect = exec_command = put_file = fetch_file = close = None
-
-    def __init__(self, transport):
-        self.transport, self.resets = transport, 0
-        self._shell = types.SimpleNamespace(tmpdir=None)
-
-    def reset(self):
-        self.resets += 1
 
 
 class Keepless(Kept):

@@ -5,13 +5,13 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import ansible_collections
 import pytest
+from namespaces import why_not
 
 TOOLS = ("nft", "unshare", "nsenter")
 COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
@@ -74,18 +74,7 @@ for options, left, half in json.load(sys.stdin):
 """
 
 
-def why_not():
-    if os.geteuid() != 0:
-        return "needs root, to make network namespaces"
-    absent = [tool for tool in TOOLS if not shutil.which(tool)]
-    if absent:
-        return f"needs {', '.join(absent)}"
-    if subprocess.run(["unshare", "--net", *LIST], check=False, capture_output=True).returncode:
-        return "needs the right to make network namespaces, and a kernel with nftables"
-    return ""
-
-
-pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")
+pytestmark = pytest.mark.skipif(bool(why_not(*LIST)), reason=why_not(*LIST) or "can run")
 
 
 class Computer:

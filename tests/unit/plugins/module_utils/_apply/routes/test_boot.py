@@ -13,27 +13,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.record import read_record
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.transaction import explain_failure
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import NetworkInterface
+from planned_routes import DROP_IN, ROUTES, machine
 
 HOOK = "/etc/network/if-up.d/rosfleet-multimaster"
-DROP_IN = "/etc/systemd/network/{}.d/90-rosfleet-multimaster.conf"
-
-ROUTES = {
-    "eth0": [
-        RouteSpec("0.0.0.0/0", "192.168.11.101", "eth0"),
-        RouteSpec("::/0", "fd00:11::101", "eth0", 1024),
-        RouteSpec("10.66.0.0/16", type="blackhole"),
-    ],
-    "eth1.5": [
-        RouteSpec("10.67.0.0/16", "10.9.9.9", "eth1.5", 50, 100, "192.168.1.201", on_link=True),
-        RouteSpec("226.0.0.0/8", "", "eth1.5"),
-    ],
-}
-
-
-def machine(tree, *names):
-    links = {name: NetworkInterface(name, number, up=True) for number, name in enumerate(names, 2)}
-    return contract.MachineContext(links, booted=False, root=str(tree))
 
 
 def boot(tree, record=None, choice=None):

@@ -16,6 +16,7 @@ from pathlib import Path
 import ansible_collections
 import pytest
 from mentioned import mentions
+from namespaces import why_not
 
 from tests.unit import module_server
 
@@ -60,17 +61,6 @@ FULL = {
     "type": "unicast",
     "backend": "auto",
 }
-
-
-def why_not():
-    if os.geteuid() != 0:
-        return "needs root, to make network namespaces"
-    absent = [tool for tool in TOOLS if not shutil.which(tool)]
-    if absent:
-        return f"needs {', '.join(absent)}"
-    if subprocess.run(["unshare", "--net", "true"], check=False, capture_output=True).returncode:
-        return "needs the right to make network namespaces"
-    return ""
 
 
 pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")

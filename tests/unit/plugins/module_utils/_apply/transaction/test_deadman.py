@@ -21,6 +21,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transa
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.deadman import FileBefore
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.processes import SSH_SERVERS
+from killed import die_at_call
 from mentioned import mentions
 
 HOUR = 3600
@@ -226,22 +227,6 @@ def test_an_armed_switch_is_replaced_whole(switch, timer, tmp_path):
     assert (switch.look("t"), switch.look("u")) == ("other", "armed")
     timer.ring(switch.unit)
     becomes(place, "second")
-
-
-def die_at_call(step, *names):
-    """From now on the `step`-th call of these functions of `os` is SIGKILL."""
-    calls = iter(range(step))
-
-    def dying(real):
-        def call(*args, **kwargs):
-            if next(calls, None) is None:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return real(*args, **kwargs)
-
-        return call
-
-    for name in names:
-        setattr(os, name, dying(getattr(os, name)))
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewa
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from mentioned import mentions
+from namespaces import why_not
 
 NODES = Path(__file__).parents[7] / "lab" / "nodes"
 TOOLS = ("nft", "unshare", "nsenter", "ip", "sysctl")
@@ -123,16 +124,6 @@ def may_drop(restricted):
 # Packets with any source
 
 
-def why_not():
-    if os.geteuid() != 0:
-        return "needs root, to make network namespaces"
-    absent = [tool for tool in TOOLS if not shutil.which(tool)]
-    if absent:
-        return f"needs {', '.join(absent)}"
-    tried = subprocess.run(["unshare", "--net", "nft", "list", "ruleset"], check=False, capture_output=True)
-    return "needs network namespaces and nftables" if tried.returncode else ""
-
-
 class Space:
     """A network namespace, which ends with the process that holds it."""
 
@@ -187,8 +178,8 @@ def wires():
     The victim's kernel is as careless as it can be set: it takes own addresses, loopback addresses and senders by a wrong
     way from a wire.
     """
-    if why_not():
-        pytest.skip(why_not())
+    if why_not("nft", "list", "ruleset"):
+        pytest.skip(why_not("nft", "list", "ruleset"))
     stranger, victim, inner = spaces = [Space() for _number in range(3)]
     try:
         stranger.cable("out", victim, "out")
