@@ -309,7 +309,8 @@ OUTSIDE = {
     "http": "edge/rpc_client edge/rpc_server",
     "threading": "relay/board discovery/rpc_methods discovery/state_feed edge/rpc_server edge/loop edge/patience "
     "edge/process/children edge/process/room edge/process/throttle edge/journal "
-    "edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store",
+    "edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store "
+    "sync/state_room",
     "queue": "edge/loop",
     "time": "edge/clock wait_for_master",
     "signal": "edge/process/program end_hangs publish_metrics run_plain",

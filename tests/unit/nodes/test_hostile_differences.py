@@ -25,6 +25,7 @@ from rosfleet_multimaster.edge.rpc_server import RpcServer
 from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED, apply_difference
 from rosfleet_multimaster.protocol.filters import Filters
 from rosfleet_multimaster.protocol.graph import ExportPolicy, InvalidDocument, Node, State, document
+from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.messages import AnnouncedMaster
 from rosfleet_multimaster.protocol.wire_filters import write_rules
 from rosfleet_multimaster.protocol.xml_rpc import STATE
@@ -32,6 +33,7 @@ from rosfleet_multimaster.sync import fetcher
 from rosfleet_multimaster.sync import follower as module
 from rosfleet_multimaster.sync.core.sync import Fetch, Sync
 from rosfleet_multimaster.sync.follower import DifferencesAnswer, StateFilter
+from rosfleet_multimaster.sync.state_room import MOST_FOLLOWED, StateRoom
 
 URI, OWN = "http://robot2:11311/", "http://own:11311/"
 NODE = Node("http://robot2:5000/", URI, "local")
@@ -100,7 +102,10 @@ def _following(monkeypatch, request):
         peer, states, over = Peer(answer, request.param), queue.Queue(), queue.Queue()
         fetch = Fetch(URI, peer.uri, Filters({}).rules("robot2"))
         found = fetcher._fetch(
-            fetch, None, StateFilter(fetch, Sync(Filters({}), OWN, "/master_sync", False, False, 0.0)), True
+            fetch,
+            None,
+            StateFilter(fetch, Sync(Filters({}), OWN, "/master_sync", False, False, 0.0), StateRoom(Members())),
+            True,
         )
         found.follower.start(lambda *news: states.put(news[1]), lambda *why: over.put(why[1]))
         made.append((peer, found.follower))
@@ -136,7 +141,7 @@ def drip(wfile):
 
 
 BOMB = gzip.compress(b"<value>" * (STATE // 7 + 1000), mtime=0)
-MANY = [[f"/flood/{number}", ["/one"]] for number in range(module.MOST + 1)]
+MANY = [[f"/flood/{number}", ["/one"]] for number in range(MOST_FOLLOWED + 1)]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 import pytest
 from mentioned import mentions
 from rosfleet_multimaster.protocol.differences import PACKED
+from rosfleet_multimaster.protocol.members import Members
 from rosfleet_multimaster.protocol.xml_rpc import DocumentTooLarge
 from rosfleet_multimaster.sync.fetcher import Fetcher, _fetch
 
@@ -28,7 +29,7 @@ FETCH = SimpleNamespace(uri="http://b:11311/", monitor_uri="http://b:11611")
 )
 def test_a_state_that_cannot_be_had_is_one_sentence(problem, end):
     said = []
-    core = SimpleNamespace(take_fetch=lambda *arguments, **options: None)
+    core = SimpleNamespace(members=Members(), take_fetch=lambda *arguments, **options: None)
     limited = SimpleNamespace(say=lambda level, key, sentence: said.append((level, sentence)))
     Fetcher(None, core, limited, None, None)._on_fetch(FETCH, None, problem)
     ((level, sentence),) = said
@@ -67,7 +68,7 @@ def fixture_other_program():
 def test_a_master_is_asked_for_what_it_lists_alone(other_program):
     uri, asked = other_program
     fetch = SimpleNamespace(uri="http://b:11311/", monitor_uri=uri)
-    states = SimpleNamespace(rules=[], limit=lambda state, before: state, find_misplaced=lambda state: {})
+    states = SimpleNamespace(rules=[], limit=lambda state, before: state, find_misplaced=lambda state: {}, hold=print)
     found = _fetch(fetch, None, states, True)
     assert asked == ["masterInfoFiltered"]
     assert (found.state.name, found.follower) == ("b", None)

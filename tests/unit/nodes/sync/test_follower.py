@@ -19,9 +19,10 @@ from rosfleet_multimaster.protocol.differences import DIFFERENCES, PACKED
 from rosfleet_multimaster.protocol.filters import Filters, Pattern, Rules
 from rosfleet_multimaster.protocol.graph import ExportPolicy, InvalidDocument, Node, State, document
 from rosfleet_multimaster.protocol.wire_filters import write_rules
-from rosfleet_multimaster.sync import fetcher, follower
+from rosfleet_multimaster.sync import fetcher, follower, state_room
 from rosfleet_multimaster.sync.core.sync import Fetch, Sync
 from rosfleet_multimaster.sync.follower import DifferencesAnswer, StateFilter
+from rosfleet_multimaster.sync.state_room import StateRoom
 from running_sync import until
 
 URI = "http://robot2:11311/"
@@ -64,7 +65,8 @@ class Here:
 
     def __init__(self, there, rules=None):
         self.fetch = Fetch(URI, there.uri, rules or Filters({}).rules("robot2"))
-        self.view = StateFilter(self.fetch, Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0))
+        core = Sync(Filters({}), "http://own:11311/", "/master_sync", False, False, 0.0)
+        self.view = StateFilter(self.fetch, core, StateRoom(core.members))
         self.found = fetcher._fetch(self.fetch, None, self.view, True)
         self.states, self.over = queue.Queue(), queue.Queue()
         if self.found.follower is not None:
@@ -223,7 +225,7 @@ def test_what_is_no_answer_is_refused(value):
 
 
 def test_a_state_that_grows_and_grows_is_not_followed(there, monkeypatch):
-    monkeypatch.setattr(follower, "MOST", 3)
+    monkeypatch.setattr(state_room, "MOST_FOLLOWED", 3)
     here = Here(there)
     there.has({f"/topic{number}": "/one" for number in range(5)})
     assert isinstance(here.over.get(timeout=5), follower.StateTooLarge)

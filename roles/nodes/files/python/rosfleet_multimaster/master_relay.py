@@ -77,7 +77,7 @@ class MasterRelay:
         program.on_signals(self.loop, self._end)
         self.entrance.open()
         for robot, channel in self.parties.peers.items():
-            peer = RelayPeer(robot, channel.hosts, channel.port, self.parties.robot)
+            peer = RelayPeer(robot, channel.hosts, channel.port, self.parties.robot, len(self.parties.peers))
             peer.start(partial(self.loop.post, self._on_offers))
         self._register()
         notify("READY=1")

@@ -172,3 +172,9 @@ def test_nodes_of_all_offers_have_a_bound_and_no_topic_is_lost():
     assert len(read) == 1000 and sum(len(offer.nodes) for offer in read) <= MOST_OF_ALL
     few = read_offers([*[offer[:3] + [offer[3][:1]] for offer in offers[:900]], offers[-1]])
     assert len(few[-1].nodes) == 50, "who has few keeps all"
+
+
+def test_many_peers_share_what_is_taken_of_all():
+    offers = [[TOPIC, f"/topic{number}", "x/Y", [f"/node{at}" for at in range(50)]] for number in range(100)]
+    taken = [sum(len(offer.nodes) for offer in read_offers(offers, peers)) for peers in (1, 20, 100, 1000)]
+    assert taken == [2000, 2000, 400, 100], "no topic is lost"

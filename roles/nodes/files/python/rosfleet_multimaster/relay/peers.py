@@ -3,6 +3,7 @@
 """The relays of other robots: each is asked for its offers, and answers as soon as there is something new."""
 
 import random
+from functools import partial
 from typing import Any, Callable, NamedTuple, Optional, Sequence
 
 from ..edge.clock import monotonic, processor_time, sleep
@@ -28,18 +29,20 @@ class Offers(NamedTuple):
     entries: Sequence[Offer]
 
 
-def read_answer(value: Any) -> Any:
-    """Read (revision, port, offers). Raises ValueError."""
+def read_answer(value: Any, peers: int = 1) -> Any:
+    """Read (revision, port, offers) of one of so many relays. Raises ValueError."""
     if not isinstance(value, list) or len(value) != 3 or not isinstance(value[0], str) or not isinstance(value[1], int):
         raise ValueError("it answers no revision with a port and offers")
-    return value[0], value[1], read_offers(value[2])
+    return value[0], value[1], read_offers(value[2], peers)
 
 
 class RelayPeer:
     """Asks one relay, in a thread of its own."""
 
-    def __init__(self, robot: str, hosts: Sequence[str], port: int, own_robot: str) -> None:
+    def __init__(self, robot: str, hosts: Sequence[str], port: int, own_robot: str, peers: int = 1) -> None:
+        """`peers`: how many there are, which share the memory for offers."""
         self.robot, self._hosts, self._port, self._own_robot = robot, hosts, port, own_robot
+        self._read = partial(read_answer, peers=peers)
 
     def start(self, on_offers: Callable[[str, Optional[Offers], str], None]) -> None:
         """Begin to ask. `on_offers(robot, offers, why)` is called in the thread; None: it has not answered for a while, and why."""
@@ -56,7 +59,7 @@ class RelayPeer:
                 rpc = rpc or Rpc(f"http://{host}:{self._port}", wait + TIMEOUT, SMALL)
                 rpc.limit(wait + TIMEOUT)
                 before, began, spent = revision, monotonic(), processor_time()
-                revision, port, entries = rpc.call(OFFERS, self._own_robot, revision, wait, read=read_answer)
+                revision, port, entries = rpc.call(OFFERS, self._own_robot, revision, wait, read=self._read)
                 answered = monotonic()
                 if revision != before:
                     on_offers(self.robot, Offers(host, port, entries), "")

@@ -15,9 +15,9 @@ from ..protocol.graph import InvalidDocument, State, parse
 from ..protocol.messages import Registration
 from ..protocol.plain_text import quote
 from ..protocol.xml_rpc import STATE, DocumentTooLarge
-from .core.limits import size
 from .core.sync import Fetch, Sync
-from .follower import MOST, TIMEOUT, DifferencesAnswer, Follower, Misplaced, StateFilter
+from .follower import TIMEOUT, DifferencesAnswer, Follower, Misplaced, StateFilter
+from .state_room import StateRoom
 
 MOST_FOLLOWED = 128  # masters: more are fetched when they announce a change
 
@@ -50,17 +50,19 @@ class Fetcher:
         self._core, self._limited, self._on_state, self._on_changes = core, limited, on_state, on_changes
         self._differences = differences
         self._followers: Dict[str, Follower] = {}
+        self._room = StateRoom(core.members)
         self.states = self.changes = 0  # received
 
     def tick(self, now: float) -> float:
         """Fetch what is due; the time of the next fetch."""
         for uri in [uri for uri, follower in self._followers.items() if not self._core.follows(follower.fetch)]:
             self._stop(uri)
+        self._room.keep(self._core.remotes)
         for fetch in self._core.due(now):
             self._stop(fetch.uri)
             before = self._core.remotes[fetch.uri].state
             quick = self._differences and len(self._followers) < MOST_FOLLOWED
-            job = partial(_fetch, fetch, before, StateFilter(fetch, self._core), quick)
+            job = partial(_fetch, fetch, before, StateFilter(fetch, self._core, self._room), quick)
             self._workers.submit(job, partial(self._on_fetch, fetch))
         return self._core.next_due()
 
@@ -117,10 +119,12 @@ def _fetch(fetch: Fetch, before: Optional[State], states: StateFilter, quick: bo
         if method:
             answer, state = rpc.call(method, states.rules, "", 0, 0, read=_read_answer)
             part = states.limit(state, before)
-            if size(state) <= MOST:
+            if states.hold(state):
                 follower = Follower(rpc, method, fetch, states, answer, state, part)
         else:
             part = _fetch_whole(rpc, states.rules, lambda value: states.limit(parse(value), before))
+        if follower is None:
+            states.hold(part)
         return FetchResult(part, states.find_misplaced(part), follower)
     except InvalidDocument as problem:
         raise ValueError(f"it sends no state of a master: {problem}") from None

@@ -15,14 +15,14 @@ from ..protocol.differences import apply_difference, digest
 from ..protocol.graph import InvalidDocument, State, parse
 from ..protocol.members import Networks
 from ..protocol.wire_filters import write_rules
-from .core.limits import limit_state, size
+from .core.limits import MOST, limit_state, size
 from .core.places import LocalNetwork, Places, names_to_resolve
 from .core.sync import Fetch, Sync
+from .state_room import StateRoom
 
 WAIT = (20.0, 30.0)  # seconds that a master may wait for news: random, so that not all ask at once
 TIMEOUT = 10.0  # seconds more for the answer
 LOOKUPS = 3.0  # seconds for the names in a state that the plan does not have
-MOST = 10_000  # registrations in a state that is followed, of all nodes in it; a larger one is fetched as a whole
 
 Misplaced = Dict[str, str]  # URI of a node or service -> why it is refused
 
@@ -66,8 +66,8 @@ def read_network() -> LocalNetwork:
 class StateFilter:
     """The part of one master's states that is taken here, and the places of its nodes."""
 
-    def __init__(self, fetch: Fetch, core: Sync) -> None:
-        self._fetch, self._core = fetch, core
+    def __init__(self, fetch: Fetch, core: Sync, room: StateRoom) -> None:
+        self._fetch, self._core, self._room = fetch, core, room
         self.rules = write_rules(fetch.rules, core.sync_remote_nodes)  # for the master
 
     def limit(self, state: State, before: Optional[State]) -> State:
@@ -75,7 +75,12 @@ class StateFilter:
         core = self._core
         if state.uri != self._fetch.uri:
             raise InvalidDocument(f"it is about {state.uri}, and not about {self._fetch.uri}")
-        return limit_state(state, before, own_uri=core.own_uri, sync_remote_nodes=core.sync_remote_nodes)
+        most = min(MOST, self._room.find(state.uri))
+        return limit_state(state, before, most, core.own_uri, core.sync_remote_nodes)
+
+    def hold(self, state: State) -> bool:
+        """Count what is held of a state. False where it is too much."""
+        return self._room.hold(self._fetch.uri, size(state))
 
     def find_misplaced(self, state: State) -> Misplaced:
         """The nodes and services of a state that cannot be where it says."""
@@ -142,8 +147,8 @@ class Follower:
         if answer.digest and answer.digest != digest(self._state):
             answer.epoch = ""  # something went wrong: ask for the whole state
         if news:
-            if size(self._state) > MOST:
-                raise StateTooLarge(f"it has more than {MOST} registrations")
+            if not self._states.hold(self._state):
+                raise StateTooLarge(f"it has {size(self._state)} registrations")
             self._part = self._states.limit(self._state, self._part)
             on_news(self, self._part, self._states.find_misplaced(self._part))
         self._epoch, self._revision = answer.epoch, answer.revision

@@ -38,11 +38,15 @@ class Shares:
 
     def have_room(self, party: str, number: int = 1) -> bool:
         """True if a party may have so many more."""
-        after = self.counts[party] + number
-        if after <= self._kept.get(party, 0):
-            return True
+        return number <= self.find_room(party)
+
+    def find_room(self, party: str) -> int:
+        """Return how many more a party may have."""
+        count = self.counts[party]
+        kept = max(0, self._kept.get(party, 0) - count)
         is_own = bool(self._own) and party == self._own
-        return (is_own or after <= self._most_of_one) and self._find_excess(party, number) <= self._left
+        more = kept + max(0, self._left)
+        return more if is_own else max(kept, min(more, self._most_of_one - count))
 
     def add(self, party: str, number: int = 1) -> None:
         """A party has so many more."""

@@ -17,10 +17,8 @@ from .frames import STATIC, STATIC_TYPE, Frames
 from .rates import NO_RATE, Rate
 
 MOST_OFFERS = 1000  # of one peer
-MOST_NODES, MOST_OF_ALL = (
-    50,
-    2000,
-)  # of one topic, and of all topics of one peer: each costs 800 bytes where they are taken
+# Of one topic, of all topics of one peer, and of all peers together: each costs 800 bytes where they are taken.
+MOST_NODES, MOST_OF_ALL, TOGETHER = 50, 2000, 40_000
 TOPIC, SERVICE = "topic", "service"
 
 
@@ -146,18 +144,18 @@ def list_offers(
     return _limit_nodes(sorted(filter(_is_good, found.values()))[:MOST_OFFERS])
 
 
-def read_offers(value: Any) -> List[Offer]:
-    """Read the offers of another relay, without those that have an odd name or type. Raises ValueError."""
+def read_offers(value: Any, peers: int = 1) -> List[Offer]:
+    """Read the offers of one of so many other relays, without those that have an odd name or type. Raises ValueError."""
     if not isinstance(value, list) or len(value) > MOST_OFFERS:
         raise ValueError(f"its offers are no list of at most {MOST_OFFERS}")
-    return _limit_nodes(list(filter(_is_good, map(_read_offer, value))))
+    return _limit_nodes(list(filter(_is_good, map(_read_offer, value))), min(MOST_OF_ALL, TOGETHER // peers))
 
 
-def _limit_nodes(offers: List[Offer]) -> List[Offer]:
+def _limit_nodes(offers: List[Offer], most_of_all: int = MOST_OF_ALL) -> List[Offer]:
     """Leave out nodes of the topics that have most, where all of them have too many. No topic is lost."""
     counts = [len(offer.nodes) for offer in offers]
     most = MOST_NODES
-    while sum(min(count, most) for count in counts) > MOST_OF_ALL and most > 1:
+    while sum(min(count, most) for count in counts) > most_of_all and most > 1:
         most -= 1
     return [offer._replace(nodes=offer.nodes[:most]) for offer in offers]
 

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit of registrations taken of another master: 5,000. A master with more is reported.
+"""The limit of registrations taken of another master: 5,000, or what the states of all masters leave (sync/state_room.py).
+
+A master with more is reported.
 
 Neither chance nor the other side selects them. Registrations that were taken before stay while they are offered; then
 come the first ones by kind and name. Nodes of third masters are not registered and not counted: in a large fleet each
@@ -65,7 +67,9 @@ def _keep_rows(kind: str, table: Endpoints, taken: Set[Row]) -> Dict[str, Tuple[
 def limit_refusals(remotes: Mapping[str, Remote]) -> List[RegistrationConflict]:
     """A refusal for each master that offers more than is taken, for the log, the status and /diagnostics."""
     return [
-        RegistrationConflict("limit", remote.announced.name, remote.announced.name, uri, str(MOST))
+        RegistrationConflict(
+            "limit", remote.announced.name, remote.announced.name, uri, str(min(MOST, size(remote.state)))
+        )
         for uri, remote in sorted(remotes.items())
         if remote.state is not None and remote.state.left_out
     ]
