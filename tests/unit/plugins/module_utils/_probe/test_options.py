@@ -7,12 +7,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe import options
 from mentioned import mentions
 
-MEMBER = {
-    "name": "kobuki1computer",
-    "address": "192.168.1.229",
-    "discovery_address": "",
-    "network": "",
-}
+MEMBER = {"name": "kobuki1computer", "address": "192.168.1.229", "discovery_address": "", "network": ""}
 
 MASTER = {"computer": "kobuki2computer", "address": "192.168.1.239", "rpc_port": 11611}
 
@@ -48,10 +43,7 @@ def test_usual_options_are_right(good):
     [
         ({"members": [{**MEMBER, "address": "x"}]}, "kobuki1computer x IPv4"),
         ({"members": [{**MEMBER, "discovery_address": "::1"}]}, "discovery_address kobuki1computer 1"),
-        (
-            {"members": [{**MEMBER, "network": "192.168.1.1"}]},
-            "kobuki1computer 192.168.1.1",
-        ),
+        ({"members": [{**MEMBER, "network": "192.168.1.1"}]}, "kobuki1computer 192.168.1.1"),
         ({"members": [{**MEMBER, "network": "192.168.1.1/24"}]}, "kobuki1computer network"),
         ({"masters": [{**MASTER, "address": "300.1.1.1"}]}, "kobuki2computer 300.1.1.1"),
         ({"masters": [{**MASTER, "rpc_port": 0}]}, "rpc_port kobuki2computer 0"),

@@ -30,18 +30,12 @@ TWO = ("hsr-pc", "hsr-eye")
 WRONG = {
     "no companion": (problems(TWO), "multimaster_companion hsrb"),
     "sealed companion": (problems(multimaster_companion="hsrb"), "multimaster_companion hsrb"),
-    "strange companion": (
-        problems(TWO, multimaster_companion="hsr-ey"),
-        "hsr-ey hsr hsr-pc hsr-eye",
-    ),
+    "strange companion": (problems(TWO, multimaster_companion="hsr-ey"), "hsr-ey hsr hsr-pc hsr-eye"),
     "companion of nobody": (
         problems(multimaster_master="hsr-pc", multimaster_companion="hsr-pc"),
         "multimaster_companion multimaster_master hsr",
     ),
-    "names": (
-        problems(multimaster_advertise="name"),
-        "hsrb multimaster_sealed multimaster_advertise name",
-    ),
+    "names": (problems(multimaster_advertise="name"), "hsrb multimaster_sealed multimaster_advertise name"),
     "managed roscore": (problems(multimaster_roscore="managed"), "hsrb multimaster_roscore"),
     "other nodes": (problems(multimaster_provider="fkie_apt"), "hsrb multimaster_provider"),
     "sealed gateway": (
@@ -57,10 +51,7 @@ WRONG = {
         problems(multimaster_sealed={"kobuki-pc": "192.168.1.40"}, multimaster_master="hsr-pc"),
         "kobuki-pc multimaster_sealed hsr",
     ),
-    "outside": (
-        problems(multimaster_sealed={"hsrb": "192.168.2.40"}),
-        "multimaster_sealed 192.168.2.40",
-    ),
+    "outside": (problems(multimaster_sealed={"hsrb": "192.168.2.40"}), "multimaster_sealed 192.168.2.40"),
     "same address": (problems(multimaster_sealed={"hsrb": "192.168.1.41"}), "192.168.1.41 hsrb"),
     "same name": (
         problems(multimaster_sealed={"hsrb": {"address": "192.168.1.40", "aliases": ["Kobuki-PC"]}}),
@@ -68,10 +59,7 @@ WRONG = {
     ),
     "true": (problems(multimaster_sealed=True), "multimaster_sealed True addresses"),
     "no name": (problems(multimaster_sealed={"a b": "192.168.1.40"}), "hsrb 192.168.1.40 name"),
-    "mistyped": (
-        problems(multimaster_sealed={"hsrb": {"adress": "192.168.1.40"}}),
-        "adress address aliases hsrb",
-    ),
+    "mistyped": (problems(multimaster_sealed={"hsrb": {"adress": "192.168.1.40"}}), "adress address aliases hsrb"),
     "no address": (problems(multimaster_sealed={"hsrb": {}}), "hsrb IPv4 address"),
     "no master": (problems(multimaster_master="hsrc"), "hsrc hsr-pc hsrb"),
 }

@@ -136,10 +136,7 @@ def test_a_declaration_is_read():
         ([{"parameters": ["/" + "a" * 255]}], "letters whole"),
         ([{"parameters": ["/run_id"]}], "/run_id roscore"),
         ([{"parameters": ["/roslaunch/uris"]}], "/roslaunch/uris roscore"),
-        (
-            [{"parameters": ["/a", "/b/c"]}, {"parameters": ["/b"]}],
-            "/b/c /b",
-        ),
+        ([{"parameters": ["/a", "/b/c"]}, {"parameters": ["/b"]}], "/b/c /b"),
         ([{"parameters": [f"/a{n}" for n in range(101)]}], "100 101"),
         ([{"topics": ["/pose"], "to": "dabo"}], "to dabo"),
         ([{"topics": ["/pose"], "to": []}], "to robot"),
@@ -157,21 +154,12 @@ def test_a_declaration_is_read():
         ([{"topics": [f"/{n}*" for n in range(501)]}], "500 1 *"),
         ([{"actions": [f"/*{n}*" for n in range(14)]}], "42"),
         ([{"topics": ["/" + "a" * 40000]}], "32768 characters"),
-        (
-            [{"topics": [f"/{n:03x}" for n in range(4096)] * 2}],
-            "sync_topics 65536",
-        ),
-        (
-            [{"topics": ["/scan"], "as": "kobuki1"}],
-            "/kobuki1 as kobuki1",
-        ),
+        ([{"topics": [f"/{n:03x}" for n in range(4096)] * 2}], "sync_topics 65536"),
+        ([{"topics": ["/scan"], "as": "kobuki1"}], "/kobuki1 as kobuki1"),
         ([{"topics": ["/scan"], "as": "/"}], "/kobuki1 as"),
         ([{"topics": ["/scan", "/odom"], "as": {"/scan": "/front"}}], "/odom"),
         ([{"topics": ["/scan"], "as": {"/scan": "/front", "/odom": "/b"}}], "/odom"),
-        (
-            [{"topics": ["/*"], "as": {"/*": "/front"}}],
-            "* /scan /front/scan /*",
-        ),
+        ([{"topics": ["/*"], "as": {"/*": "/front"}}], "* /scan /front/scan /*"),
         ([{"topics": ["/scan"], "as": {"/scan": "front"}}], "as front"),
         ([{"topics": ["/scan"], "as": {}}], "/scan"),
         ([{"parameters": ["/a"], "as": {"/a": "/b"}}], "action topic"),
@@ -181,15 +169,9 @@ def test_a_declaration_is_read():
         ([{"topics": ["/scan"], "rate": 1e9}], "at 'rate'"),
         ([{"topics": ["/scan"], "whole": ["a/B"]}], "whole rate"),
         ([{"topics": ["/scan"], "rate": 5, "whole": "a/B"}], "100 whole"),
-        (
-            [{"topics": ["/scan"], "rate": 5, "whole": ["a/b/C"]}],
-            "my_msgs/Status my_msgs/* a/b/C",
-        ),
+        ([{"topics": ["/scan"], "rate": 5, "whole": ["a/b/C"]}], "my_msgs/Status my_msgs/* a/b/C"),
         ([{"topics": ["/scan"], "newest": 1}], "newest 1"),
-        (
-            [{"services": ["/reset"], "rate": 5}],
-            "rate newest frames",
-        ),
+        ([{"services": ["/reset"], "rate": 5}], "rate newest frames"),
         ([{"parameters": ["/a"], "rate": 1}], "own entry"),
         ([{"services": ["/a"], "as": "/b", "frames": "b/"}], "own entry"),
         ([{"topics": ["/tf"], "frames": "kobuki1"}], "/ _ kobuki1/ frames"),
@@ -198,20 +180,11 @@ def test_a_declaration_is_read():
         ([{"parameters": ["/a"], "as": "/rosdistro"}], "/rosdistro/a roscore"),
         ([{"parameters": ["/run_id"], "as": "/b"}], "/run_id roscore"),
         ([{"parameters": ["/b/a"]}, {"parameters": ["/a"], "as": "/b"}, {"parameters": ["/b"]}], "/b/a is in /b"),
-        (
-            [{"parameters": ["/b/a"], "to": ["x"]}, {"parameters": ["/a"], "as": "/b"}],
-            "/b/a receivers",
-        ),
-        (
-            [{"topics": ["/diagnostics"], "rate": 1}],
-            "/diagnostics as",
-        ),
+        ([{"parameters": ["/b/a"], "to": ["x"]}, {"parameters": ["/a"], "as": "/b"}], "/b/a receivers"),
+        ([{"topics": ["/diagnostics"], "rate": 1}], "/diagnostics as"),
         ([{"services": ["/a"], "as": "/b", "rate": 1}], "rate actions"),
         ([{"topics": ["/scan"], "newst": True}], "newst newest"),
-        (
-            [{"topics": ["/a", "/b"]}, {"topics": ["/b", "/a"]}],
-            "/b /a",
-        ),
+        ([{"topics": ["/a", "/b"]}, {"topics": ["/b", "/a"]}], "/b /a"),
     ],
 )
 def test_a_wrong_declaration_is_one_sentence(value, expected):
@@ -247,25 +220,15 @@ RESET = {"services": ["/reset"]}
 DOCK = {"actions": ["/dock"]}
 
 WRONG = {
-    "unknown robot": (
-        {"tibi": exports({**POSE, "to": ["dabbo"]})},
-        ["tibi-visio multimaster_exports dabbo dabo"],
-    ),
+    "unknown robot": ({"tibi": exports({**POSE, "to": ["dabbo"]})}, ["tibi-visio multimaster_exports dabbo dabo"]),
     "a computer for a robot": (
         {"tibi": exports({**POSE, "to": ["dabo-nav"]})},
         ["tibi-visio multimaster_exports dabo-nav dabo"],
     ),
-    "to itself": (
-        {"tibi": exports({**POSE, "to": ["tibi", "dabo"]})},
-        ["tibi-visio multimaster_exports tibi"],
-    ),
+    "to itself": ({"tibi": exports({**POSE, "to": ["tibi", "dabo"]})}, ["tibi-visio multimaster_exports tibi"]),
     "never exchanged": (
         {"tibi": exports({"topics": ["/rosout", "/master_sync/*"], "services": ["/base/get_loggers"]})},
-        [
-            "multimaster_exports /rosout",
-            "multimaster_exports /master_sync/*",
-            "multimaster_exports /base/get_loggers",
-        ],
+        ["multimaster_exports /rosout", "multimaster_exports /master_sync/*", "multimaster_exports /base/get_loggers"],
     ),
     "the same service": (
         {"tibi": exports(RESET), "dabo": exports(RESET)},
@@ -311,10 +274,7 @@ WRONG = {
         ["dabo-nav multimaster_filters /pose"],
     ),
     "a master outside a white list": (
-        {
-            "tibi": exports({**POSE, "to": ["dabo"]}),
-            "dabo": {"filters": {"sync_hosts": ["(car)", "dabo-*"]}},
-        },
+        {"tibi": exports({**POSE, "to": ["dabo"]}), "dabo": {"filters": {"sync_hosts": ["(car)", "dabo-*"]}}},
         ["dabo-nav multimaster_filters /pose"],
     ),
     "a parameter of two robots": (
@@ -762,10 +722,7 @@ def test_both_sides_let_pass_exactly_what_is_declared(robots, filters_of):
 
 
 def test_the_largest_declaration_is_one_that_the_nodes_accept():
-    entry = {
-        "topics": [f"/*{number}*" for number in range(40)],
-        "services": [f"/s{number}*" for number in range(500)],
-    }
+    entry = {"topics": [f"/*{number}*" for number in range(40)], "services": [f"/s{number}*" for number in range(500)]}
     model = fleet(tibi=exports(entry))
     assert Taken(both_sides(model)["dabo"][2], "tibi-visio").has("topics", "/x7y")
     entry = {"actions": [f"/a{number}*" for number in range(166)]}

@@ -94,11 +94,7 @@ def plan_of(filters, exports=({"topics": ["/a*"], "to": ["eve"]},)):
     shared = {"multimaster_common_network": "192.168.1.0/24"}
     variables = {
         "ana": {**shared, "multimaster_address": "192.168.1.10", "multimaster_filters": filters},
-        "bob": {
-            **shared,
-            "multimaster_address": "192.168.1.11",
-            "multimaster_exports": [*exports],
-        },
+        "bob": {**shared, "multimaster_address": "192.168.1.11", "multimaster_exports": [*exports]},
         "eve": {**shared, "multimaster_address": "192.168.1.12"},
     }
     fleet = read_fleet(Inventory(robots={name: [name] for name in variables}, variables=variables))
@@ -129,20 +125,11 @@ def test_nodes_start_with_exports_that_preflight_accepts():
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (
-            {"ignore_topics": ["/a[b"]},
-            "ignore_topics /a[b",
-        ),
-        (
-            {"ignore_hosts": ["(?P<n>a)", "(?P<n>b)"]},
-            "ignore_hosts P<n>b",
-        ),
+        ({"ignore_topics": ["/a[b"]}, "ignore_topics /a[b"),
+        ({"ignore_hosts": ["(?P<n>a)", "(?P<n>b)"]}, "ignore_hosts P<n>b"),
         ({"sync_hosts": ["(?P<n>a)", "(?P<n>b)"]}, "sync_hosts P<n>b"),
         ({"ignore_actions": ["/(?P<n>a)"]}, "ignore_actions ignore_topics /(?P<n>a)/cancel"),
-        (
-            {"ignore_topics": ["(?P<n>a)"], "ignore_actions": ["/a", "/(?P<n>b)"]},
-            "ignore_actions expressions",
-        ),
+        ({"ignore_topics": ["(?P<n>a)"], "ignore_actions": ["/a", "/(?P<n>b)"]}, "ignore_actions expressions"),
         ({"ignore_topics": ["a{99999999999}"]}, "repetition large"),
         ({"ignore_topics": ["(?a)(?u)/b"]}, "ignore_topics expressions"),
         ({"ignore_topics": [LONG, LONG, LONG]}, "65536 characters"),

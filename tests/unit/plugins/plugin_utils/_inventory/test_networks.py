@@ -256,9 +256,7 @@ def test_every_packet_finds_its_way_and_back():
 
 WRONG = {
     "overlapping networks": (
-        [
-            robot("dabo", multimaster_network="192.168.10.0/23"),
-        ],
+        [robot("dabo", multimaster_network="192.168.10.0/23")],
         "multimaster_network tibi 192.168.11.0/24 dabo 192.168.10.0/23",
     ),
     "a network in the common one": (
@@ -287,10 +285,7 @@ WRONG = {
         [robot("tibi", multimaster_common_address=None)],
         "multimaster_common_address tibi multimaster_network",
     ),
-    "no network": (
-        [robot("tibi", multimaster_network=None)],
-        "multimaster_network tibi multimaster_gateway",
-    ),
+    "no network": ([robot("tibi", multimaster_network=None)], "multimaster_network tibi multimaster_gateway"),
     "a network with host bits": (
         [robot("tibi", multimaster_network="192.168.11.1/24")],
         "multimaster_network 192.168.11.1/24 IPv4",
@@ -300,10 +295,7 @@ WRONG = {
         "multimaster_network 192.168.11.101/32 IPv4",
     ),
     **{
-        f"the network {network}": (
-            [robot("tibi", multimaster_network=network)],
-            f"multimaster_network {network} IPv4",
-        )
+        f"the network {network}": ([robot("tibi", multimaster_network=network)], f"multimaster_network {network} IPv4")
         for network in ("0.0.0.0/0", "127.0.0.0/8", "224.0.0.0/4")
     },
     "a gateway of another robot": (
@@ -330,10 +322,7 @@ WRONG = {
         [host("router", multimaster_address="10.0.0.1")],
         "multimaster_address 10.0.0.1 multimaster_common_network",
     ),
-    "a router without an address": (
-        [host("router", multimaster_address=None)],
-        "multimaster_address router",
-    ),
+    "a router without an address": ([host("router", multimaster_address=None)], "multimaster_address router"),
     "two routers": (
         [lambda data: data.update(routers=["router", "other"]), lambda data: data["variables"].update(other={})],
         "group routers 2",
@@ -549,10 +538,7 @@ def test_without_a_tunnel_network_the_addresses_are_those_given():
 @pytest.mark.parametrize(
     ("shared", "sentence"),
     [
-        (
-            {"multimaster_tunnel": "none"},
-            "multimaster_tunnel_network 10.77.0.0/24 multimaster_tunnel none",
-        ),
+        ({"multimaster_tunnel": "none"}, "multimaster_tunnel_network 10.77.0.0/24 multimaster_tunnel none"),
         ({"multimaster_tunnel_network": "10.77.0.0/16"}, "24 length"),
         ({"multimaster_tunnel_network": "192.168.28.0/24"}, "they overlap"),
         ({"multimaster_tunnel_network": "192.168.29.0/24"}, "multimaster_network dan"),

@@ -66,10 +66,7 @@ def test_plan_of_figure_5():
         "declared": False,
     }
     first = plan["computers"]["kobuki1computer"]
-    assert first["environment"] == {
-        "ROS_MASTER_URI": "http://kobuki1computer:11311",
-        "ROS_HOSTNAME": "kobuki1computer",
-    }
+    assert first["environment"] == {"ROS_MASTER_URI": "http://kobuki1computer:11311", "ROS_HOSTNAME": "kobuki1computer"}
     assert first["sysctl"] == [
         {"name": "net.ipv4.icmp_echo_ignore_broadcasts", "value": "0"},
         {"name": "net.ipv4.conf.all.arp_ignore", "value": "3", "enough": ["1", "2", "8"]},
@@ -229,10 +226,7 @@ def allowing(*values):
 
 WRONG = {
     "allow a name": (allowing("laptop"), ["multimaster_allow laptop IPv4"]),
-    "allow host bits": (
-        allowing("10.0.0.1/8"),
-        ["192.168.1.77 192.168.2.0/24 10.0.0.1/8"],
-    ),
+    "allow host bits": (allowing("10.0.0.1/8"), ["192.168.1.77 192.168.2.0/24 10.0.0.1/8"]),
     "allow loopback": (allowing("127.0.0.0/8"), ["127.0.0.0/8 networks"]),
     "allow a group": (allowing("226.0.0.0"), ["226.0.0.0 networks"]),
     "allow everybody": (allowing("0.0.0.0/0"), ["multimaster_strangers allow"]),
@@ -274,9 +268,7 @@ WRONG = {
     ),
     "no multicast group": (
         everywhere(multimaster_multicast_group="192.168.1.1"),
-        [
-            "kobuki1computer kobuki2computer multimaster_multicast_group 192.168.1.1 IPv4 multicast",
-        ],
+        ["kobuki1computer kobuki2computer multimaster_multicast_group 192.168.1.1 IPv4 multicast"],
     ),
     "outside the network": (
         setting("kobuki1computer", multimaster_address="192.168.2.229"),
@@ -325,10 +317,7 @@ WRONG = {
         setting("kobuki2computer", multimaster_master=7),
         ["kobuki2computer multimaster_master 7"],
     ),
-    "robot without computers": (
-        lambda robots, variables: robots.update(ghost=[]),
-        ["ghost computers"],
-    ),
+    "robot without computers": (lambda robots, variables: robots.update(ghost=[]), ["ghost computers"]),
     "several computers and no master": (
         lambda robots, variables: (
             robots["kobuki1"].append("kobuki1arm"),

@@ -37,19 +37,8 @@ def belonging(master="tibi-visio", routers=(), **shared):
 def test_a_master_on_a_gateway_has_both_addresses_in_order():
     tibi, car = belonging()["robots"]
     assert tibi["addresses"] == ["192.168.1.201", "192.168.11.101"]
-    assert tibi["uris"] == [
-        "http://tibi-visio:11311/",
-        "http://192.168.1.201:11311/",
-        "http://192.168.11.101:11311/",
-    ]
-    assert tibi["hosts"] == [
-        "tibi-visio",
-        "192.168.1.201",
-        "192.168.11.101",
-        "tibi-laser",
-        "laser",
-        "192.168.11.102",
-    ]
+    assert tibi["uris"] == ["http://tibi-visio:11311/", "http://192.168.1.201:11311/", "http://192.168.11.101:11311/"]
+    assert tibi["hosts"] == ["tibi-visio", "192.168.1.201", "192.168.11.101", "tibi-laser", "laser", "192.168.11.102"]
     assert (car["name"], car["rpc_port"], car["addresses"]) == ("car-pc_11411", 11711, ["192.168.1.203"])
 
 
@@ -76,13 +65,7 @@ def test_the_router_belongs_to_the_fleet_and_has_no_master():
         "addresses": [],
         "hosts": ["router", "192.168.1.1"],
     }
-    assert found["computers"] == [
-        "192.168.1.201",
-        "192.168.11.101",
-        "192.168.11.102",
-        "192.168.1.203",
-        "192.168.1.1",
-    ]
+    assert found["computers"] == ["192.168.1.201", "192.168.11.101", "192.168.11.102", "192.168.1.203", "192.168.1.1"]
 
 
 def test_who_is_allowed_besides_is_a_list_of_networks():
