@@ -53,20 +53,20 @@ options:
 """
 
     # Of what was followed, after the first look
-    SECOND_LOOK = r"""
+    PACKET_TRACE = r"""
 options:
   follow:
-    description: The name of the variable that was registered from M(rosfleet.multimaster.fleet_follow), for example V(verify_ways); empty
+    description: The name of the variable that was registered from M(rosfleet.multimaster.fleet_packet_trace), for example V(verify_ways); empty
       for none.
     type: str
     default: ""
   sent:
-    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=send), for
+    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_packet_trace) with C(action=send), for
       example V(verify_sent); empty for none.
     type: str
     default: ""
   followed:
-    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_follow) with C(action=collect),
+    description: The name of the variable that computers registered from M(rosfleet.multimaster.multimaster_packet_trace) with C(action=collect),
       for example V(verify_captures); empty for none.
     type: str
     default: ""

@@ -19,7 +19,7 @@ description:
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
   - rosfleet.multimaster.results
-  - rosfleet.multimaster.results.second_look
+  - rosfleet.multimaster.results.packet_trace
 attributes:
   check_mode:
     description: Writes the file in check mode, too, since it changes no computer of the fleet.

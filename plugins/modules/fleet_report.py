@@ -20,7 +20,7 @@ description:
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
   - rosfleet.multimaster.results
-  - rosfleet.multimaster.results.second_look
+  - rosfleet.multimaster.results.packet_trace
 options:
   bundle:
     description:
@@ -323,7 +323,7 @@ findings:
       type: str
       sample: seen
     followed:
-      description: What the second look has seen of it, a sentence for each place; see M(rosfleet.multimaster.multimaster_follow).
+      description: What the packet trace has seen of it, a sentence for each place; see M(rosfleet.multimaster.multimaster_packet_trace).
       returned: always
       type: list
       elements: str

@@ -23,8 +23,8 @@ from ansible_collections.rosfleet.multimaster.plugins.action import (
     fleet_adopt,
     fleet_bundle,
     fleet_check,
-    fleet_follow,
     fleet_keys,
+    fleet_packet_trace,
     fleet_predict,
     fleet_report,
     fleet_summary,
@@ -277,7 +277,7 @@ def test_what_runs_once_for_all_between_look_and_report(seed, tmp_path):
         mine[name] = answered(drawn, mine[name], "multimaster_verify")
     plan = to_plain(fleets.fig12())
     given = {"fleet": plan, "multicast": "verify_probe.multicast", "probe": "verify_probe"}
-    result = acted(fleet_follow, hostvars, **given, earlier=["verify_started"])
+    result = acted(fleet_packet_trace, hostvars, **given, earlier=["verify_started"])
     json.dumps(result)
     assert not result.get("failed") and "listeners" in result
     heard = talkers_heard(plan, hostvars=hostvars, hosts=list(hostvars), registered="verify_started")

@@ -161,7 +161,7 @@ ACTIONS_SHARE = {f"_robot_io/{name}.py" for name in ("robot_action", "confirmati
 #: what the robots answer, and the files of the controller that read it
 CONTRACT = f"{COLLECTION}{MODULE_UTILS.replace('/', '.')}._contract"
 READERS = {"_robot_io/documentation.py"} | {
-    f"_verify/observe/{name}.py" for name in ("contract", "observations", "outcomes", "second_look")
+    f"_verify/observe/{name}.py" for name in ("contract", "observations", "outcomes", "packet_trace")
 }
 
 

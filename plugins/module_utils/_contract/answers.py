@@ -14,5 +14,5 @@ ANSWERS: typing.Mapping[str, typing.Tuple[typing.Type[Struct], ...]] = {
     "multicast_verify": (multicast.Multicast,),
     "multimaster_info": (machine.MachineFacts,),
     "multimaster_watch": (watch.WatchedEvents,),
-    "multimaster_follow": (trace.SentProbes, trace.SeenPackets, trace.TraceAnswer),
+    "multimaster_packet_trace": (trace.SentProbes, trace.SeenPackets, trace.TraceAnswer),
 }

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The answers of multimaster_follow."""
+"""The answers of multimaster_packet_trace."""
 
 import typing
 
@@ -75,13 +75,13 @@ class Counter(Struct):
 
 
 class SentProbes(Struct, returned="when O(action=send)"):
-    """The result of multimaster_follow with `action: send`."""
+    """The result of multimaster_packet_trace with `action: send`."""
 
     sent: typing.Tuple[SentProbe, ...] = field("What became of each probe of this computer, as far as it knows itself.")
 
 
 class SeenPackets(Struct, returned="when O(action=collect)"):
-    """The result of multimaster_follow with `action: collect`."""
+    """The result of multimaster_packet_trace with `action: collect`."""
 
     seen: typing.Tuple[CapturedPacket, ...] = field(
         "The packets that came in and went out here, in the order of time, 500 of each protocol at most, and 100 of one sender among "
@@ -103,6 +103,6 @@ class SeenPackets(Struct, returned="when O(action=collect)"):
 
 
 class TraceAnswer(Struct):
-    """The answer of each action of multimaster_follow."""
+    """The answer of each action of multimaster_packet_trace."""
 
     msg: str = field("What was done, in a sentence.", "Saw 14 packets.")

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.packet_trace import (
     CapturedPacket,
-    FollowedProbe,
-    SecondLook,
+    PacketTrace,
     SeenPackets,
     SentProbe,
+    TracedProbe,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import findings, place
 
@@ -57,7 +57,7 @@ class World:
     """The truth, or what computers tell of it."""
 
     route: list[str]
-    probe: FollowedProbe
+    probe: TracedProbe
     sent: SentProbe
     seen: dict[str, list[CapturedPacket]] = field(default_factory=lambda: {name: [] for name in NAMES})
     macs: dict[str, set[str]] = field(default_factory=lambda: {name: {mac(NUMBERS[name])} for name in NAMES})
@@ -73,7 +73,7 @@ class World:
             lambda one: planned.get(one) or more.get(one, ""),
             frozenset(NAMES),
         )
-        looks = {name: SecondLook(packets=SeenPackets(tuple(packets))) for name, packets in self.seen.items()}
+        looks = {name: PacketTrace(packets=SeenPackets(tuple(packets))) for name, packets in self.seen.items()}
         looks[self.route[0]] = replace(looks[self.route[0]], probes=(self.probe,), sent=(self.sent,))
         (found,) = place.locate(looks, chart, {self.probe.number: self.route})
         return found
@@ -119,7 +119,7 @@ def draw_world(chance):
     route = chance.sample(NAMES, chance.choice([2, 3, 4]))
     protocol = chance.choice(list(TRAFFIC))
     port = 0 if protocol == "icmp" else 11611
-    probe = FollowedProbe(3, route[0], route[-1], TRAFFIC[protocol], protocol, address(NUMBERS[route[-1]]), port)
+    probe = TracedProbe(3, route[0], route[-1], TRAFFIC[protocol], protocol, address(NUMBERS[route[-1]]), port)
     world = World(route, probe, SentProbe(3, Outcome.NO_ANSWER, source_port=4000))
     end, at = chance.choice(ENDS), chance.randrange(len(route) - 1)
     router = chance.choice([None, *range(len(route) - 1)])

@@ -9,8 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import fleets
 import pytest
 import yaml
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 
 pytestmark = pytest.mark.whole
 
@@ -23,7 +25,11 @@ TOMBSTONES = {name: entry["tombstone"] for name, entry in ROUTING["modules"].ite
 #: the option that the modules of a group have in common
 OPTIONS_OF_GROUPS = {"confirmation": "confirm_within", "conflicts": "on_conflict", "records": "records"}
 #: options with which a module runs anywhere
-OPTIONS = {"multimaster_logs": {"services": ["roscore"], "lines": 1}}
+OPTIONS = {
+    "fleet_follow": {"fleet": to_plain(fleets.plan())},
+    "multimaster_follow": {"action": "send", "run": "verify-1"},
+    "multimaster_logs": {"services": ["roscore"], "lines": 1},
+}
 
 
 @pytest.fixture

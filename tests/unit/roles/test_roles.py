@@ -150,5 +150,5 @@ def test_no_label_that_marks_packets_is_in_the_name_of_a_node():
     folder = next(role for role in ROLES if role.name == "verify") / "tasks"
     agreed = [task for task in tasks_of(read(folder / "main.yml")) if task.get("no_log")]
     (secret,) = [name for task in agreed for name in task["ansible.builtin.set_fact"]]
-    (follow,) = read(folder / "follow.yml")
-    assert follow["module_defaults"]["rosfleet.multimaster.multimaster_follow"]["run"] == f"{{{{ {secret} }}}}"
+    (trace,) = read(folder / "packet_trace.yml")
+    assert trace["module_defaults"]["rosfleet.multimaster.multimaster_packet_trace"]["run"] == f"{{{{ {secret} }}}}"

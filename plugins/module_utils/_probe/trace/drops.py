@@ -19,8 +19,8 @@ import typing
 TRACEFS = "/sys/kernel/tracing"
 INSTANCES = "instances"
 # A buffer and switches of its own, beside those of other tools: a name for each network namespace.
-NAME = "rosfleet_follow_%d"
-OURS = re.compile(r"rosfleet_follow_[0-9]+\Z")
+NAME = "rosfleet_packet_trace_%d"
+OURS = re.compile(r"rosfleet_packet_trace_[0-9]+\Z")
 NAMESPACE = "/proc/self/ns/net"
 EVENT = "events/skb/kfree_skb"
 WANTED = "protocol == 0x0800 || protocol == 0x0806"  # IPv4 and ARP

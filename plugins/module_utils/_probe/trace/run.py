@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The actions of multimaster_follow: listen, send and collect."""
+"""The actions of multimaster_packet_trace: listen, send and collect."""
 
 import typing
 
@@ -58,7 +58,7 @@ def start_listener(params: Params, _check_mode: bool) -> Result:
         before = read_counters()
         link = open_socket(tag)
         door = open_door(path)
-    leave(lambda: serve(link, door, path, tag, params["lifetime"], before), (link, door), "multimaster_follow")
+    leave(lambda: serve(link, door, path, tag, params["lifetime"], before), (link, door), "multimaster_packet_trace")
     return {"msg": f"The listener lives for {params['lifetime']} s at most."}
 
 

@@ -5,7 +5,7 @@
 __all__ = (
     "observations",
     "outcomes",
-    "second_look",
+    "packet_trace",
     "task_results",
     "uris",
 )

@@ -77,7 +77,7 @@ from ....module_utils._contract.tunnel import SeenTunnel, TunnelPeer
 from ....module_utils._contract.verify import Probe, Streams
 from ..._plan.preflight import MachineState
 from .contract import make_dataclasses
-from .second_look import SecondLook
+from .packet_trace import PacketTrace
 
 __all__ = [
     "AnnouncedHost",
@@ -172,4 +172,4 @@ class Observation:
     services: tuple[str, ...] | None = None  # the planned services that can run there, by preflight
     streams: Streams | None = None  # None where no throughput was measured
     filters: FilterChains | None = None  # None where the machine was not looked at
-    second_look: SecondLook | None = None  # None where nothing was followed
+    packet_trace: PacketTrace | None = None  # None where nothing was followed

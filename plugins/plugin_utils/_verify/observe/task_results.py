@@ -21,7 +21,7 @@ from ..._plan.model import FleetPlan
 from ..._plan.preflight import MachineState
 from .observations import FilterChains, FilterState, Multicast, Observation, Probe, Streams
 from .outcomes import Outcome
-from .second_look import FollowPlan, SecondLook, SeenPackets, SentProbes
+from .packet_trace import PacketTrace, SeenPackets, SentProbes, TracePlan
 
 T = TypeVar("T")
 LONGEST_TEXT = 500  # characters of one text of a robot
@@ -97,7 +97,7 @@ def read_observation(
             services=read_services(variables, tasks.get("plan", ""), names),
             streams=read_result(Streams, variables, tasks.get("streams", ""), "streams", names),
             filters=read_result(FilterChains, variables, f"{tasks.get('machine', '')}.filters", "chains", names),
-            second_look=read_second_look(host, variables, tasks, names),
+            packet_trace=read_packet_trace(host, variables, tasks, names),
         )
     except Mismatch as mismatch:  # a stranger's answer to one computer must not cost the others their report
         return Observation(
@@ -149,20 +149,18 @@ def find_result(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return result if isinstance(result, Mapping) else {}
 
 
-def read_second_look(
+def read_packet_trace(
     host: str, variables: Mapping[str, Any], tasks: Mapping[str, Any], names: Collection[str] = ()
-) -> SecondLook | None:
-    """Read what a computer sent and saw in the second look; None where there was none. Raises Mismatch."""
-    plan = from_plain(
-        FollowPlan, find_result(variables, tasks.get("follow", ""))
-    )  # of the controller: nothing to quote
+) -> PacketTrace | None:
+    """Read what a computer sent and saw in the packet trace; None where there was none. Raises Mismatch."""
+    plan = from_plain(TracePlan, find_result(variables, tasks.get("follow", "")))  # of the controller: nothing to quote
     if not plan.probes:
         return None
     sent = read_result(SentProbes, variables, tasks.get("sent", ""), "sent", names) or SentProbes()
     packets = read_result(SeenPackets, variables, tasks.get("followed", ""), "seen", names)
     if packets and len(packets.seen) > MOST_CAPTURES:  # no listener of ours keeps so many
         packets = replace(packets, seen=packets.seen[:MOST_CAPTURES], missed=len(packets.seen))
-    return SecondLook(tuple(probe for probe in plan.probes if probe.sender == host), sent.sent, packets)
+    return PacketTrace(tuple(probe for probe in plan.probes if probe.sender == host), sent.sent, packets)
 
 
 def read_services(variables: Mapping[str, Any], name: str, names: Collection[str] = ()) -> tuple[str, ...] | None:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The second look at a run: the places where packets were seen to end, and the part that each leaves. Pure."""
+"""The packet trace of a run: the places where packets were seen to end, and the part that each leaves. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..._base import advice
 from ..._faults.fault import Advice, Advices
 from ..checks.engine import Verification
 from ..components.parts import Component
-from ..observe.second_look import SecondLook, SeenPackets
+from ..observe.packet_trace import PacketTrace, SeenPackets
 from .place import LossPlace, Map, SeenHop, Trip, describe_counters, describe_place, locate
 from .suspects import find_sign, is_consistent, name_place
 
@@ -74,7 +74,7 @@ class SeenEnd:
 
 def find_ends(verification: Verification) -> list[SeenEnd]:
     """Find the places where the followed packets of a run end; nothing where none was followed."""
-    looks = {name: one.seen.second_look for name, one in verification.run.items() if one.seen.second_look}
+    looks = {name: one.seen.packet_trace for name, one in verification.run.items() if one.seen.packet_trace}
     probes = [probe for look in looks.values() for probe in look.probes]
     links = {probe.number: verification.ways.list_links(probe.sender, probe.target) for probe in probes}
     name_at = name_addresses(verification)
@@ -119,7 +119,7 @@ def _name_networks(links: Iterable[Sequence[tuple[str, str]]]) -> dict[tuple[str
     return {pair: network for (one, network), (two, _same) in steps for pair in ((one, two), (two, one))}
 
 
-def _describe(place: LossPlace, chart: Map, looks: Mapping[str, SecondLook]) -> SeenEnd:
+def _describe(place: LossPlace, chart: Map, looks: Mapping[str, PacketTrace]) -> SeenEnd:
     packets = (looks[place.at].packets if place.at in looks else None) or SeenPackets()
     words = [describe_place(place, chart), describe_counters(packets.counters)]
     return SeenEnd(place, "; ".join(filter(None, words)), find_sign(place, packets))

@@ -20,7 +20,7 @@ from ..._base.sentences import shorten_list
 from ..context.errors import list_own_parts
 from ..context.packet_filters import GROUP
 from ..observe.outcomes import Outcome
-from ..observe.second_look import CapturedPacket, Counter, FollowedProbe, SecondLook, SentProbe
+from ..observe.packet_trace import CapturedPacket, Counter, PacketTrace, SentProbe, TracedProbe
 
 MOST_HOPS = 16
 NAMED = 6  # counters that a sentence names
@@ -78,7 +78,7 @@ class SeenHop:
 class LossPlace:
     """The place where the packets of a probe end, or those of its answer."""
 
-    probe: FollowedProbe
+    probe: TracedProbe
     stage: TraceStage
     at: str = ""  # the computer that saw them last; of a report, the one that reports
     next: str = ""  # the computer that was to see them; empty where none is known
@@ -123,7 +123,7 @@ class _Walk:
     """The packets of one probe, at all computers."""
 
     def __init__(
-        self, probe: FollowedProbe, sent: SentProbe | None, chart: Map, seen: Mapping[str, Sequence[CapturedPacket]]
+        self, probe: TracedProbe, sent: SentProbe | None, chart: Map, seen: Mapping[str, Sequence[CapturedPacket]]
     ) -> None:
         self.probe, self.sent, self.chart = probe, sent, chart
         connections = {one.sequence for one in seen.get(probe.sender, ()) if self._begins(one)}
@@ -382,7 +382,7 @@ class _Walk:
         return next((address for address, interface in due if (address, interface) not in answered), "")
 
 
-def locate(looks: Mapping[str, SecondLook], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[LossPlace]:
+def locate(looks: Mapping[str, PacketTrace], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[LossPlace]:
     """Find the place of each probe. `routes` has the planned computers on the way of each."""
     seen = {host: look.packets.seen for host, look in looks.items() if look.packets}
     found: list[LossPlace] = []
@@ -406,7 +406,7 @@ def _is_hidden(place: LossPlace, changers: Container[str]) -> bool:
 PROBES = {"icmp": "pings", "tcp": "connections to port {port}", "udp": "datagrams to port {port}"}
 
 
-def describe_probe(probe: FollowedProbe) -> str:
+def describe_probe(probe: TracedProbe) -> str:
     """Name what was sent, for a sentence."""
     if probe.traffic == GROUP:
         return f"datagrams of {probe.sender} to the group"

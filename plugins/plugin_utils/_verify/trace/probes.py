@@ -14,7 +14,7 @@ from itertools import zip_longest
 from ..checks.engine import FAILED, WARNING, Row, Verification
 from ..components.parts import Component
 from ..context.packet_filters import GROUP, ROSCORE, TRAFFIC
-from ..observe.second_look import FollowedProbe
+from ..observe.packet_trace import TracedProbe
 from .place import LARGE, Trip
 
 MTU = 1500
@@ -52,7 +52,7 @@ def _can_follow(verification: Verification, trip: Trip) -> bool:
     return trip.sender in verification.run and trip.target in verification.ways.members
 
 
-def choose_probes(verification: Verification, groups: Iterable[Sequence[Row]]) -> list[FollowedProbe]:
+def choose_probes(verification: Verification, groups: Iterable[Sequence[Row]]) -> list[TracedProbe]:
     """Choose probes for rows that failed. Each group has what one finding explains, and all groups are served in turn."""
     ways = [_list_ways(verification, group) for group in groups]
     turns = (trip for turn in zip_longest(*ways) for trip in turn if trip)
@@ -69,12 +69,12 @@ def _list_ways(verification: Verification, rows: Iterable[Row]) -> list[Trip]:
     return list(found.values())
 
 
-def _make_probe(verification: Verification, number: int, trip: Trip) -> FollowedProbe:
+def _make_probe(verification: Verification, number: int, trip: Trip) -> TracedProbe:
     fleet, member = verification.fleet, verification.ways.members[trip.target]
     packet = verification.state.filters.make_packet(member, "icmp" if trip.traffic == LARGE else trip.traffic)
     own = verification.ways.members.get(trip.sender)
     grouped = trip.traffic == GROUP
-    return FollowedProbe(
+    return TracedProbe(
         number=number,
         sender=trip.sender,
         target=trip.target,
@@ -87,7 +87,7 @@ def _make_probe(verification: Verification, number: int, trip: Trip) -> Followed
     )
 
 
-def list_listeners(verification: Verification, probes: Iterable[FollowedProbe]) -> list[str]:
+def list_listeners(verification: Verification, probes: Iterable[TracedProbe]) -> list[str]:
     """Name the computers of the run that have an address on a network which one of the probes crosses."""
     ways = verification.ways
     links = (link for probe in probes for link in ways.list_links(probe.sender, probe.target))

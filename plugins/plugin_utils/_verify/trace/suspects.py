@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from ..components.parts import Component
 from ..context.errors import PROGRAMS, list_own_parts
-from ..observe.second_look import SeenPackets
+from ..observe.packet_trace import SeenPackets
 from .place import LARGE, LossPlace, TraceStage
 
 # Where a part is: at the place, at the next computer, or a network between them

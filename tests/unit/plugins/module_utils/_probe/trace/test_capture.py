@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Packets of a run are read from whatever comes; real packets are in plugins/modules/test_multimaster_follow.py."""
+"""Packets of a run are read from whatever comes; real packets are in plugins/modules/test_multimaster_packet_trace.py."""
 
 import struct
 

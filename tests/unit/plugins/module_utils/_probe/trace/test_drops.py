@@ -131,7 +131,7 @@ def test_two_of_one_network_do_not_share(tracefs):
         assert first.read()[NO_SOCKET] >= SENT
 
 
-@pytest.mark.parametrize("name", ["rosfleet_follower", "rosfleet_follow_1_x", "rosfleet_other"])
+@pytest.mark.parametrize("name", ["rosfleet_packet_traceer", "rosfleet_packet_trace_1_x", "rosfleet_other"])
 def test_what_has_another_name_is_not_ours(tracefs, name):
     other = tracefs / "instances" / name
     other.mkdir()

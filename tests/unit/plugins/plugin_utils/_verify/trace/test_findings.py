@@ -13,9 +13,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagn
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import FilterChains
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.packet_trace import (
     CapturedPacket,
-    SecondLook,
+    PacketTrace,
     SeenPackets,
     SentProbe,
 )
@@ -40,7 +40,7 @@ def lose_behind_wall(filters):
 
 
 def follow(fleet, seen, missed=()):
-    """The second look at a fleet in which the packets of each probe come in at a gateway, and end there.
+    """The packet trace of a fleet in which the packets of each probe come in at a gateway, and end there.
 
     `missed`: computers that have missed packets. At all of them a stranger has sent more than is kept.
     """
@@ -68,7 +68,7 @@ def follow(fleet, seen, missed=()):
         own = tuple(probe for probe in probes if probe.sender == name)
         sent = tuple(SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000) for probe in own)
         packets = SeenPackets(tuple(captures[name]), missed=int(name in missed), full=("203.0.113.9",))
-        update(seen[name], second_look=SecondLook(own, sent, packets))
+        update(seen[name], packet_trace=PacketTrace(own, sent, packets))
     return probes
 
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action multimaster_follow: runs the module multimaster_follow, and returns its documented answer."""
+"""The action multimaster_packet_trace: runs the module multimaster_packet_trace, and returns its documented answer."""
 
 from __future__ import annotations
 

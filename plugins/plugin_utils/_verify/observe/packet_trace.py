@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Observations of the second look: what fleet_follow chose, and what multimaster_follow answers by the contract, as types."""
+"""Observations of the packet trace: what fleet_packet_trace chose, and what multimaster_packet_trace answers by the contract, as types."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .contract import make_dataclasses
 __all__ = [
     "CapturedPacket",
     "Counter",
-    "FollowPlan",
-    "FollowedProbe",
-    "SecondLook",
+    "TracePlan",
+    "TracedProbe",
+    "PacketTrace",
     "SeenPackets",
     "SentProbe",
     "SentProbes",
@@ -25,7 +25,7 @@ make_dataclasses(SentProbes, SeenPackets)
 
 
 @dataclass(frozen=True)
-class FollowedProbe:
+class TracedProbe:
     """A packet that is sent once more and followed. The controller has chosen it."""
 
     number: int
@@ -40,16 +40,16 @@ class FollowedProbe:
 
 
 @dataclass(frozen=True)
-class FollowPlan:
+class TracePlan:
     """The probes of a run."""
 
-    probes: tuple[FollowedProbe, ...] = ()
+    probes: tuple[TracedProbe, ...] = ()
 
 
 @dataclass(frozen=True)
-class SecondLook:
-    """All that one computer knows of the second look."""
+class PacketTrace:
+    """All that one computer knows of the packet trace."""
 
-    probes: tuple[FollowedProbe, ...] = ()
+    probes: tuple[TracedProbe, ...] = ()
     sent: tuple[SentProbe, ...] = ()
     packets: SeenPackets | None = None  # None where it did not listen

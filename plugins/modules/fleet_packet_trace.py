@@ -3,13 +3,13 @@
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
 DOCUMENTATION = r"""
-module: fleet_follow
+module: fleet_packet_trace
 short_description: Choose which packets are followed, where no value shows why they are lost
 version_added: "1.0.0"
 description:
   - Judges what the computers have registered so far, as M(rosfleet.multimaster.fleet_report) does. Where something failed and
     no value shows the reason, it chooses a packet for each way that fails, at most twelve, and the computers on these ways.
-  - M(rosfleet.multimaster.multimaster_follow) sends and sees these packets.
+  - M(rosfleet.multimaster.multimaster_packet_trace) sends and sees these packets.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
   - rosfleet.multimaster.results
@@ -27,7 +27,7 @@ options:
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
-  - module: rosfleet.multimaster.multimaster_follow
+  - module: rosfleet.multimaster.multimaster_packet_trace
   - module: rosfleet.multimaster.fleet_report
 """
 
@@ -41,7 +41,7 @@ EXAMPLES = r"""
       ignore_errors: true
   tasks:
     - name: Choose what to follow
-      rosfleet.multimaster.fleet_follow:
+      rosfleet.multimaster.fleet_packet_trace:
         fleet: "{{ multimaster_fleet }}"
         probe: verify_probe
         multicast: verify_probe.multicast
@@ -51,7 +51,7 @@ EXAMPLES = r"""
 
 RETURN = r"""
 probes:
-  description: What is to be sent, for O(rosfleet.multimaster.multimaster_follow#module:probes); none where nothing is to be followed.
+  description: What is to be sent, for O(rosfleet.multimaster.multimaster_packet_trace#module:probes); none where nothing is to be followed.
   returned: success
   type: list
   elements: dict

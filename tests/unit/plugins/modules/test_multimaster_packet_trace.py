@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""multimaster_follow between computers: real packets in network namespaces, on a bridge in another one."""
+"""multimaster_packet_trace between computers: real packets in network namespaces, on a bridge in another one."""
 
 import json
 import sys
@@ -11,12 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 import namespaces
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.second_look import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.packet_trace import (
     CapturedPacket,
-    FollowedProbe,
-    SecondLook,
+    PacketTrace,
     SeenPackets,
     SentProbe,
+    TracedProbe,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import TraceStage
@@ -49,7 +49,7 @@ def follow(network, probes, lifetime=60):
 
     def call(number, action, **more):
         return network.run_module(
-            network.hosts[number], "multimaster_follow", {**options[number], "action": action, **more}
+            network.hosts[number], "multimaster_packet_trace", {**options[number], "action": action, **more}
         )
 
     numbers = range(len(network.hosts))
@@ -131,9 +131,9 @@ def test_a_question_that_is_lost_is_not_confirmed(three, drops):
 def test_other_traffic_is_not_seen(three):
     one, other, _third = three.hosts
     options = {"run": "test", "name": one.name, "probes": [probe(0, one, "tcp", other, 9)]}
-    three.run_module(one, "multimaster_follow", {**options, "action": "listen"})
+    three.run_module(one, "multimaster_packet_trace", {**options, "action": "listen"})
     one.run(sys.executable, "-c", TRAFFIC, other.address)
-    found = three.run_module(one, "multimaster_follow", {**options, "action": "collect"})
+    found = three.run_module(one, "multimaster_packet_trace", {**options, "action": "collect"})
     assert {entry["protocol"] for entry in found["seen"]} <= {"arp"}
 
 
@@ -156,12 +156,12 @@ def test_an_error_of_a_hop_quotes_the_packet_and_a_counter_grows(three):
 def test_a_listener_ends_by_itself_and_says_so(three):
     one = three.hosts[0]
     options = {"run": "test", "name": one.name, "probes": []}
-    three.run_module(one, "multimaster_follow", {**options, "action": "listen", "lifetime": 1})
+    three.run_module(one, "multimaster_packet_trace", {**options, "action": "listen", "lifetime": 1})
     deadline = time.monotonic() + 10
     while one.processes():
         assert time.monotonic() < deadline
         time.sleep(0.1)
-    answer = three.run_module(one, "multimaster_follow", {**options, "action": "collect"}, True)
+    answer = three.run_module(one, "multimaster_packet_trace", {**options, "action": "collect"}, True)
     assert "No listener of this run lives on this computer" in answer["msg"]
 
 
@@ -216,7 +216,7 @@ def judge(network, route, address, protocols, unasked=()):
     names = {one: name for name, (_macs, addresses) in hosts.items() for one in addresses}
     traffic = {"icmp": "icmp", "tcp": "rpc"}
     probes = [
-        FollowedProbe(number, route[0].name, route[-1].name, traffic[protocol], protocol, address, 11611)
+        TracedProbe(number, route[0].name, route[-1].name, traffic[protocol], protocol, address, 11611)
         for number, protocol in enumerate(protocols)
     ]
     sent, collected = follow(network, [vars(one) for one in probes])
@@ -225,11 +225,11 @@ def judge(network, route, address, protocols, unasked=()):
         for one in sent[network.hosts.index(route[0])]
     ]
     looks = {
-        host.name: SecondLook(packets=SeenPackets(tuple(CapturedPacket(**one) for one in result["seen"])))
+        host.name: PacketTrace(packets=SeenPackets(tuple(CapturedPacket(**one) for one in result["seen"])))
         for host, result in zip(network.hosts, collected, strict=True)
         if host.name in hosts
     }
-    looks[route[0].name] = SecondLook(tuple(probes), tuple(outcomes), looks[route[0].name].packets)
+    looks[route[0].name] = PacketTrace(tuple(probes), tuple(outcomes), looks[route[0].name].packets)
     chart = place.Map(
         {mac: frozenset([name]) for name, (macs, _addresses) in hosts.items() for mac in macs},
         lambda one: names.get(one, ""),
@@ -271,10 +271,10 @@ def test_what_comes_for_another_vlan_has_not_come_in(three):
     """Without a number the tag has a priority alone, and the kernel takes the packet for one without a tag."""
     one, other, _third = three.hosts
     options = {"run": "test", "name": other.name, "probes": []}
-    three.run_module(other, "multimaster_follow", {**options, "action": "listen"})
+    three.run_module(other, "multimaster_packet_trace", {**options, "action": "listen"})
     ends = [mac(one), mac(other), one.address, other.address]
     one.run(sys.executable, "-c", TAGGED_PINGS, *ends, "1=20", "2=0", "3=4095", env=with_paths())
-    found = three.run_module(other, "multimaster_follow", {**options, "action": "collect"})
+    found = three.run_module(other, "multimaster_packet_trace", {**options, "action": "collect"})
     assert [entry["number"] for entry in found["seen"] if not entry["outgoing"] and entry["protocol"] == "icmp"] == [2]
 
 

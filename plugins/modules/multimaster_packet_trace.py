@@ -3,11 +3,11 @@
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
 DOCUMENTATION = r"""
-module: multimaster_follow
+module: multimaster_packet_trace
 short_description: Follow packets from computer to computer, and tell where they vanish
 version_added: "1.0.0"
 description:
-  - The second look of a verification. Several computers listen while some of them send once more what did not arrive. Each tells
+  - The packet trace of a verification. Several computers listen while some of them send once more what did not arrive. Each tells
     which of these packets came in and went out, by which interface, from and to which hardware address.
   - It takes three tasks. With O(action=listen), a listener is left running. With O(action=send), the computer sends its
     O(probes). With O(action=collect), the listener tells what it saw, and ends. Use the C(linear) strategy (the default), so that a
@@ -55,7 +55,7 @@ options:
         required: true
       target:
         description: The computer for which it is, for example V(kobuki2computer). Not read; accepted so that
-          RV(rosfleet.multimaster.fleet_follow#module:probes) can be given as it is.
+          RV(rosfleet.multimaster.fleet_packet_trace#module:probes) can be given as it is.
         type: str
         default: ""
       traffic:
@@ -94,10 +94,10 @@ notes:
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
-  - module: rosfleet.multimaster.fleet_follow
+  - module: rosfleet.multimaster.fleet_packet_trace
   - module: rosfleet.multimaster.multimaster_verify
   - name: Verification
-    description: The role that uses it, with C(verify_follow).
+    description: The role that uses it, with C(verify_packet_trace).
     link: https://github.com/rosfleet/multimaster/tree/main/docs/operate/verification.md
 """
 
@@ -107,22 +107,22 @@ EXAMPLES = r"""
   gather_facts: false
   become: true
   module_defaults:
-    rosfleet.multimaster.multimaster_follow:
+    rosfleet.multimaster.multimaster_packet_trace:
       run: morning
       name: "{{ inventory_hostname }}"
       probes:
         - {number: 0, sender: kobuki1computer, protocol: tcp, address: 192.168.1.239, port: 11311}
   tasks:
     - name: Listen
-      rosfleet.multimaster.multimaster_follow:
+      rosfleet.multimaster.multimaster_packet_trace:
         action: listen
 
     - name: Send
-      rosfleet.multimaster.multimaster_follow:
+      rosfleet.multimaster.multimaster_packet_trace:
         action: send
 
     - name: Tell what was seen
-      rosfleet.multimaster.multimaster_follow:
+      rosfleet.multimaster.multimaster_packet_trace:
         action: collect
       register: followed
 """
