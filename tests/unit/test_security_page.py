@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""docs/operate/security.md and the tests: each test that the page names is there, and its figures are those of the code.
+"""docs/operate/security.md, its evidence and the tests: each test that a page names is there, and its figures are those of the code.
 
-On the page, `[✓][name]` stands beside a promise; `name` is defined at the end of the page, with a file and the tests that try it
-by behaviour. The attacks have a table of their own.
+On both pages, `[✓][name]` stands beside a promise; `name` is defined at the end of the page, with a file and the tests that try it
+by behaviour. The attacks have a table in the evidence.
 """
 
 import ast
@@ -25,8 +25,11 @@ from rosfleet_multimaster.sync.core import report as report_of_sync
 ROOT = Path(__file__).resolve().parents[2]
 
 PAGE = (ROOT / "docs/operate/security.md").read_text(encoding="utf-8")
+EVIDENCE = (ROOT / "tests/evidence/security.md").read_text(encoding="utf-8")
 PAGES = sorted(
-    page for page in [*ROOT.glob("docs/**/*.md"), ROOT / "README.md"] if page.name != "adding.md"
+    page
+    for page in [*ROOT.glob("docs/**/*.md"), *ROOT.glob("tests/evidence/*.md"), ROOT / "README.md"]
+    if page.name != "adding.md"
 )  # it has examples
 NAMED = re.compile(r"tests/[\w/.]*test_\w+\.py")
 
@@ -69,20 +72,23 @@ FIGURES = {
 
 
 def section(title):
-    return PAGE.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+    return EVIDENCE.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
 
 
-def test_each_mark_is_defined_and_each_definition_is_used():
-    names = [name for name, _path, _tests in DEFINITION.findall(PAGE)]
-    used = set(MARK.findall(PAGE))
-    assert len(names) == len(set(names)) > 100
+@pytest.mark.parametrize(("page", "least"), [(PAGE, 80), (EVIDENCE, 100)], ids=["page", "evidence"])
+def test_each_mark_is_defined_and_each_definition_is_used(page, least):
+    names = [name for name, _path, _tests in DEFINITION.findall(page)]
+    used = set(MARK.findall(page))
+    assert len(names) == len(set(names)) > least
     assert used == set(names)
-    assert len(re.findall(r"^\[[^\]]+\]:", PAGE, re.MULTILINE)) == len(names), "each line at the end is a definition"
-    assert PAGE.count("[✓]") == sum(1 for _mark in MARK.finditer(PAGE)), "each mark has a name"
+    assert len(re.findall(r"^\[[^\]]+\]:", page, re.MULTILINE)) == len(names), "each line at the end is a definition"
+    assert page.count("[✓]") == sum(1 for _mark in MARK.finditer(page)), "each mark has a name"
 
 
 @pytest.mark.parametrize(
-    ("path", "tests"), [(path, tests) for _name, path, tests in DEFINITION.findall(PAGE)], ids=lambda text: text
+    ("path", "tests"),
+    sorted({(path, tests) for _name, path, tests in DEFINITION.findall(PAGE + EVIDENCE)}),
+    ids=lambda text: text,
 )
 def test_each_test_beside_a_promise_is_there(path, tests):
     assert NAMED.fullmatch(path), path
@@ -94,7 +100,7 @@ def test_each_test_beside_a_promise_is_there(path, tests):
 
 @pytest.mark.parametrize("words", FIGURES)
 def test_a_figure_of_the_page_is_that_of_the_code(words):
-    assert words in " ".join(PAGE.split())
+    assert words in " ".join((PAGE + EVIDENCE).split())
     assert FIGURES[words]
 
 
