@@ -50,7 +50,7 @@ def measured(calls, kinds, rounds):
 
 
 def table(found, kinds):
-    """The rows for docs/understand/roscore.md: medians of the rounds, and the worst of all."""
+    """The rows for README.md beside this file: medians of the rounds, and the worst of all."""
     lines = [
         "| | median | 99 % | worst | computing | given to write() | to the disk | after kill -9 |",
         "|---|---|---|---|---|---|---|---|",
