@@ -115,7 +115,7 @@ def test_the_inventory_of_the_readme_is_the_shipped_one():
     blocks = re.findall(r"^```yaml\n# ([\w./]+\.yml)\b.*\n((?s:.*?))^```$", text("README.md"), re.MULTILINE)
     folder = ROOT / "inventory/single_computer"
     shipped = {str(path.relative_to(folder)): yaml.safe_load(path.read_text()) for path in folder.rglob("*.yml")}
-    assert len(blocks) == 4 == text("README.md").count("```yaml")
+    assert len(blocks) == 2 == text("README.md").count("```yaml")
     assert {name: yaml.safe_load(block) for name, block in blocks} == shipped
 
 

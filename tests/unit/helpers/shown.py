@@ -97,7 +97,7 @@ def inventory_of(hosts, group_vars):
     for robot, group in sorted(hosts["robots"]["children"].items()):
         robots[robot] = list(group["hosts"])
         for host, own in group["hosts"].items():
-            variables[host] = _ours({**(group_vars["robots"] or {}), **(group_vars[robot] or {}), **(own or {})})
+            variables[host] = _ours({**(group_vars["robots"] or {}), **(group_vars.get(robot) or {}), **(own or {})})
     routers = hosts.get("routers", {}).get("hosts", {})
     return Inventory(
         robots=robots,
