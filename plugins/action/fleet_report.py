@@ -13,7 +13,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 from ..plugin_utils._verify.checks.engine import FAILED
+from ..plugin_utils._verify.diagnose.explanation import UnknownFinding, choose_findings, write_explanation
 from ..plugin_utils._verify.report import history, terminal
 from ..plugin_utils._verify.report.judgement import FleetJudgement, judge_run, make_document
 from ..plugin_utils._verify.report.junit import write_junit
@@ -54,7 +55,7 @@ COLOURS = {
 class ActionModule(FleetAction):
     """Judges the results of the whole run, prints the findings, and writes the report."""
 
-    _VALID_ARGS = frozenset((*OPTIONS, "path", "junit", "bundle", "each", "marks"))
+    _VALID_ARGS = frozenset((*OPTIONS, "path", "junit", "bundle", "each", "marks", "explain"))
 
     def answer(self, args: Any, task_vars: dict[str, Any]) -> dict[str, Any]:
         """Return the judgement of the run, or of the one in a bundle, and print it."""
@@ -82,12 +83,14 @@ class ActionModule(FleetAction):
         run = add_last_time(run, before) if live else run
         judgement = judge_run(run, bool(files or cases), bool(files and not files.own))
         document = make_document(run, judgement)
+        explained = read_numbers(self._task.args.get("explain"), document)
         written, problem = "", None
         try:
             written = write_files(files, cases, run.fleet, document, judgement.matrices, before)
         except OSError as error:
             problem = error
         show(judgement, document, written)
+        explain(document, explained)
         if problem:
             report_unwritable(problem, path, is_asked=bool(cases) or not (files and files.own))
         findings = plain_data([{**entry, "follows": len(entry["follows"])} for entry in document["findings"]])
@@ -296,7 +299,7 @@ def folder_of(inventory: str) -> Path:
 def show(judgement: FleetJudgement, document: Mapping[str, Any], written: str) -> None:
     """Print the report as wide as the terminal; the table of all checks only with -v."""
     display = Display()
-    width = min(max(shutil.get_terminal_size((terminal.WIDTH, 24)).columns, 80), 160)
+    width = measure_width()
     everything = display.verbosity > 0
     tables = document["traffic"], document["nodes"], document["remarks"]
     text = terminal.render(judgement.summary, judgement.diagnosis, width, everything, *tables)
@@ -305,6 +308,26 @@ def show(judgement: FleetJudgement, document: Mapping[str, Any], written: str) -
         word = line.strip().partition(":")[0]
         display.display(line, color=getattr(constants, COLOURS.get(word, ""), None))
     display.display(plain_lines(f"Report: {written}\n" if written else ""))
+
+
+def read_numbers(option: object, document: Mapping[str, Any]) -> list[int]:
+    """Read the findings that are to be explained. Raises Refusal."""
+    try:
+        return choose_findings(str(option or ""), len(document["findings"]))
+    except UnknownFinding as unknown:
+        raise Refusal(str(unknown)) from None
+
+
+def explain(document: Mapping[str, Any], numbers: Sequence[int]) -> None:
+    """Print why findings were made."""
+    for number in numbers:
+        lines = write_explanation(number, document["findings"][number - 1], measure_width())
+        Display().display(plain_lines("\n".join(["", *lines])))
+
+
+def measure_width() -> int:
+    """Measure the terminal, as far as a report can be read on it."""
+    return min(max(shutil.get_terminal_size((terminal.WIDTH, 24)).columns, 80), 160)
 
 
 def write(path: str, content: str | bytes, mode: int) -> None:

@@ -69,6 +69,13 @@ options:
     description: A file on the controller for the results as JUnit XML, with a test case for each check, for example V(verify.xml). None, if empty.
     type: str
     default: ""
+  explain:
+    description:
+      - The numbers of findings, with commas, or V(all). After the report it is printed why each of them was made, in ten lines at most: the rule that
+        decided, what has shown it, which results it explains, and the rivals with what cleared them.
+      - Nothing is explained if it is empty.
+    type: str
+    default: ""
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -308,6 +315,70 @@ findings:
       type: list
       elements: dict
       sample: []
+    because:
+      description: Why the finding was made. Empty beyond the first fifty findings.
+      returned: always
+      type: dict
+      sample: {}
+      contains:
+        rule:
+          description: The id of the decision rule that won, a row of the table in C(_verify/diagnose/rules.py).
+          returned: success
+          type: str
+          sample: value
+        title:
+          description: The rule in words.
+          returned: success
+          type: str
+          sample: a value that was read is not the expected one
+        place:
+          description: The place of the rule in the table.
+          returned: success
+          type: int
+          sample: 3
+        rules:
+          description: The number of rules.
+          returned: success
+          type: int
+          sample: 10
+        certainty:
+          description: V(seen), V(located) or V(inferred), as RV(findings[].sure).
+          returned: success
+          type: str
+          sample: seen
+        cost:
+          description: How rare the fault is.
+          returned: success
+          type: float
+          sample: 2.0
+        looked_at:
+          description: For how many results of the finding rivals were weighed.
+          returned: success
+          type: int
+          sample: 4
+        shown_by:
+          description:
+            - What has shown it, each with C(kind) (V(value), V(blocking rule), V(errno), V(packet trace) or V(inference)), C(rule), C(check), C(observer),
+              C(target), C(expected), C(found), C(source) (the file of the check), C(detail) (the rule of the packet filter, or the errno) and C(trace).
+            - A C(trace) has C(packets), C(disposition), C(answer), and C(hops), each with C(computer) and C(steps) of C(action) and C(detail).
+          returned: success
+          type: list
+          elements: dict
+          sample: []
+        explains:
+          description: How many results it explains, each with C(check), the decision C(rule) that gave them to it, and C(rows).
+          returned: success
+          type: list
+          elements: dict
+          sample: [{check: name, rule: value, rows: 1}]
+        rivals:
+          description:
+            - Other parts that may be the reason, each with C(id), C(kind), C(mode), C(place), C(what), C(rows), C(cost), C(cleared), C(reason), and the success
+              (C(check), C(observer), C(target)) that cleared it.
+          returned: success
+          type: list
+          elements: dict
+          sample: []
     seen:
       description: The results with a value that shows it; none where it was concluded.
       returned: always

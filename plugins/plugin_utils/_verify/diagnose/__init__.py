@@ -2,4 +2,4 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Failed rows to findings."""
 
-__all__ = ("diagnosis",)
+__all__ = ("diagnosis", "explanation")

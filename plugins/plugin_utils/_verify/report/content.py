@@ -69,6 +69,7 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
                 }
                 for part in entry.rivals
             ],
+            "because": to_plain(entry.because) if entry.because else {},
             "seen": [row._asdict() for row in entry.proof],
             "follows": [row._asdict() for row in entry.rows],
         }

@@ -22,6 +22,7 @@ from ..._base.sentences import join_causes
 from ..._plan.model import FleetPlan
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
 from ..checks.table import TITLES
+from ..diagnose.explanation import list_lines
 from .arrows import draw_arrows
 from .hops import draw_way
 from .matrices import Matrices
@@ -83,10 +84,12 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
 
 def _shorten(entry: Mapping[str, Any]) -> dict[str, Any]:
     """Return a finding with the first of its rows, and its ways as pictures."""
-    parts = plain_data({**entry, "seen": (), "follows": (), "ways": ()}, LINE)
+    parts = plain_data({**entry, "seen": (), "follows": (), "ways": (), "because": {}}, LINE)
+    why = [(label, plain(text, LINE)) for label, text in list_lines(entry)]
     drawn = [Markup(draw_way(way)) for way in entry["ways"]]  # noqa: S704  # its texts are escaped there
     causes = join_causes([cause["sentence"] for cause in (parts, *parts["rivals"])])
-    return {**parts, "causes": causes, "seen": _rows(entry["seen"]), "follows": _rows(entry["follows"]), "ways": drawn}
+    rows = {"seen": _rows(entry["seen"]), "follows": _rows(entry["follows"])}
+    return {**parts, **rows, "causes": causes, "ways": drawn, "why": why}
 
 
 def _rows(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

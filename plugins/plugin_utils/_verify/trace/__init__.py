@@ -6,4 +6,6 @@ __all__ = (
     "findings",
     "place",
     "probes",
+    "steps",
+    "suspects",
 )

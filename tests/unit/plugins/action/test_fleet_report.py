@@ -48,7 +48,12 @@ def judge(change=None, fleet=None, inventory="/home/me/our fleet", **options):
     module = fleet_report.ActionModule(task, connection, None, None, None, None)
     hostvars = {name: registered(entry) for name, entry in seen.items()}
     return module.run(
-        task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(seen), "inventory_dir": inventory}
+        task_vars={
+            "hostvars": hostvars,
+            "ansible_play_hosts_all": list(seen),
+            "inventory_dir": inventory,
+            "ansible_inventory_sources": ["hosts.yml"],
+        }
     )
 
 
@@ -93,6 +98,19 @@ def test_failures_are_coloured_and_fit_the_terminal(shown, monkeypatch):
     lines = [text for text, _color in shown]
     assert not result["passed"] and ("Findings:", "red") in shown and max(map(len, lines)) <= 90
     assert any("a packet filter on tibi-visio drops" in line for line in lines) and "from / to" not in "".join(lines)
+
+
+def test_a_finding_is_explained_in_ten_lines(shown):
+    judge(fleets.wall, explain="1")
+    text = shown[-1][0]
+    assert text.strip().startswith("Finding 1, RF-301: ") and len(text.strip().splitlines()) <= 10
+    refused = judge(fleets.wall, explain="7")
+    assert refused["failed"] and "expected a number from 1 to 1" in refused["msg"]
+
+
+def test_commands_have_the_inventory_of_the_run(shown):
+    (finding,) = judge(fleets.lost_route)["findings"]
+    assert "-i hosts.yml rosfleet.multimaster.site --limit tibi-nav" in finding["do"][0]["text"]
 
 
 def test_more_is_told_with_v(shown, monkeypatch):

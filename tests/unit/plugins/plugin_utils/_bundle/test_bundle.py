@@ -3,6 +3,7 @@
 
 """A bundle: what is read again is judged as before; what somebody changed in it is refused in a sentence."""
 
+import dataclasses
 import json
 import time
 
@@ -11,6 +12,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import UnreadableBundle
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import REMOVED, Secrets
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge_run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run
 
@@ -42,6 +44,18 @@ def test_what_is_read_again_is_what_was_written(changes):
     assert found.fleet == bundle.fleet and found.observations == bundle.observations
     assert found.machines == bundle.machines and found.about["pairs"] == "all"
     assert judge_run(found, False, False).diagnosis == judge_run(bundle, False, False).diagnosis
+
+
+def test_a_reason_has_the_new_names():
+    bundle = bundles.rename(bundled(fleets.fig12(), fleets.wall), {}, set())
+    reason = content.list_findings(judge_run(bundle, False, False).diagnosis)[0]["because"]
+    assert reason["rivals"] and "robot" in reason["rivals"][0]["place"]
+    assert "tibi" not in json.dumps(reason) and "192.168" not in json.dumps(reason)
+
+
+def test_a_bundle_has_no_inventory_of_its_maker():
+    bundle = dataclasses.replace(bundled(fleets.fig12(), fleets.lost_route), inventory="/home/anna/robots")
+    assert "anna" not in json.dumps(bundles.write_files(bundle, "", {}))
 
 
 @pytest.mark.slow

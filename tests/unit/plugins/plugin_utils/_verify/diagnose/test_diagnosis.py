@@ -9,7 +9,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis, rules
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge
@@ -167,7 +167,7 @@ def test_what_follows_from_a_consequence_is_given_to_its_cause(monkeypatch):
     def find_cause(_effects, row, _suspects):
         return causes.get(row.observer) if row.check == "services" else None if row.target == names[0] else dead[0]
 
-    monkeypatch.setattr(diagnosis.Effects, "find_cause", find_cause)
+    monkeypatch.setattr(rules.Effects, "find_cause", find_cause)
     verification = Verification(CHECKS, fleet, seen)
     rows = [row for row in verification.rows() if row.verdict != "ok"]
     found = diagnosis.explain_rows(verification, rows)

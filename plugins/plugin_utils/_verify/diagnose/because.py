@@ -1,0 +1,195 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Why a finding was made: what showed it, the rows that it explains, and the rivals with what cleared them.
+
+It asks the scene of a diagnosis after all is decided, and changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
+
+from ..._network.model import Rule
+from ..checks.engine import Row
+from ..components.parts import Component
+from ..trace.findings import SeenEnd
+from ..trace.steps import make_trace
+from ..trace.suspects import is_consistent
+from . import evidence
+from .evidence import BLOCKING_RULE, ERRNO, INFERRED, SEEN, TRACE, Because, Evidence, ExplainedRows, WeighedRival
+from .finding import Finding
+from .rules import BY_ID, RULES, DecisionRule
+from .scene import NOT_FOUND, Scene
+
+ASKED = 60  # rows of a finding whose suspects are rivals
+RIVALS = 5  # that are weighed
+SHOWN = 4  # rows that are kept as evidence, one for each rule and check
+EXPLAINED = 12  # checks of the rows that it explains
+ORDER = {rule.id: number for number, rule in enumerate(RULES, 1)}
+
+
+def make_because(scene: Scene, entry: Finding) -> Because:
+    """Say why a finding was made."""
+    rule = find_winner(scene.winners, entry)
+    looked_at = [*entry.proof, *entry.rows][:ASKED]
+    return Because(
+        rule=rule.id,
+        title=rule.title,
+        place=ORDER[rule.id],
+        rules=len(RULES),
+        certainty=rule.certainty,
+        cost=entry.part.fault.cost,
+        looked_at=len(looked_at),
+        shown_by=tuple(_list_evidence(scene, entry, rule)),
+        explains=tuple(_count_explained(scene.winners, entry)),
+        rivals=tuple(_weigh_rivals(scene, entry, looked_at)),
+    )
+
+
+def find_winner(winners: Mapping[Row, str], entry: Finding) -> DecisionRule:
+    """Find the rule that has made a finding: the first of those that have shown it, or that which has concluded it."""
+    shown = [BY_ID[winners[row]] for row in entry.proof]
+    if shown:
+        return min(shown, key=RULES.index)
+    return BY_ID["trace-end"] if entry.followed else _only_inferred(entry.rule)
+
+
+def _only_inferred(rule: str) -> DecisionRule:
+    """Return the rule of a finding without evidence. What was made by evidence that another finding has now was kept as it covers."""
+    found = BY_ID.get(rule, BY_ID["cover"])
+    return found if found.certainty == INFERRED else BY_ID["cover"]
+
+
+def _list_evidence(scene: Scene, entry: Finding, rule: DecisionRule) -> Iterable[Evidence]:
+    """List what has shown a finding: a row for each rule and check; of what is inferred, the first row that it explains."""
+    if not entry.proof:
+        ends = entry.followed[:SHOWN] or (None,)
+        row = entry.rows[0] if entry.rows else None
+        yield from (_describe(scene, row, rule, end=end) for end in ends if row)
+        return
+    kept = {(scene.winners[row], row.check): row for row in reversed(entry.proof)}
+    for (winner, _check), row in list(kept.items())[::-1][:SHOWN]:
+        part = next(
+            (part for part in (entry.part, *entry.also) if part in scene.verification.state.filters.rules), None
+        )
+        yield _describe(scene, row, BY_ID[winner], part, _find_end(entry, BY_ID[winner]))
+
+
+def _find_end(entry: Finding, rule: DecisionRule) -> SeenEnd | None:
+    return entry.followed[0] if rule.kind == TRACE and entry.followed else None
+
+
+def _describe(
+    scene: Scene, row: Row, rule: DecisionRule, part: Component | None = None, end: SeenEnd | None = None
+) -> Evidence:
+    details = {
+        BLOCKING_RULE: describe_rule(scene.verification.state.filters.rules[part]) if part else "",
+        ERRNO: scene.outcomes.get(row, ""),
+    }
+    judge = scene.verification.checks[row.check].judge
+    return Evidence(
+        kind=rule.kind,
+        rule=rule.id,
+        check=row.check,
+        observer=row.observer,
+        target=row.target,
+        expected=row.expected,
+        found=row.found,
+        source="/".join(judge.__module__.split(".")[-2:]) + ".py",
+        detail=details.get(rule.kind, ""),
+        trace=make_trace(end) if end else None,
+    )
+
+
+def describe_rule(rule: Rule) -> str:
+    """Write a rule of a packet filter with its chain."""
+    ports = f"port {rule.ports[0]}" + (f" to {rule.ports[1]}" if rule.ports[1] != rule.ports[0] else "")
+    words = (
+        rule.origins[0] if rule.origins else rule.table,
+        f"(hook {rule.chain}):",
+        f"by {rule.incoming}" if rule.incoming else "",
+        rule.protocol or "all packets",
+        ports if rule.ports[1] - rule.ports[0] < 65535 else "",
+        f"from {', '.join(map(str, rule.sources[:2]))}" if rule.sources else "",
+        f"to {', '.join(map(str, rule.destinations[:2]))}" if rule.destinations else "",
+        rule.verdict,
+    )
+    return " ".join(filter(None, words))
+
+
+def _count_explained(winners: Mapping[Row, str], entry: Finding) -> Iterable[ExplainedRows]:
+    """Count the rows of a finding by check and rule, the most frequent first."""
+    counts = Counter((row.check, winners.get(row, "")) for row in (*entry.proof, *entry.rows))
+    return (ExplainedRows(check, rule, number) for (check, rule), number in counts.most_common(EXPLAINED))
+
+
+# Rivals
+
+
+def _weigh_rivals(scene: Scene, entry: Finding, rows: Sequence[Row]) -> list[WeighedRival]:
+    """Weigh the parts that could be the reason of the same rows, those that explain most first."""
+    counts: Counter[Component] = Counter()
+    for row in rows:
+        counts.update(scene.verification.list_suspects(row))
+    own = {(part.kind, part.places, part.mode) for part in (entry.part, *entry.also)}
+    others = [part for part in counts if (part.kind, part.places, part.mode) not in own]
+    chosen = [part for part in entry.rivals if part in others]
+    order = sorted(others, key=lambda part: (-counts[part], part.fault.cost, part))
+    kinds = {(part.kind, part.mode): part for part in reversed(order)}  # one of each kind first
+    kept = list(dict.fromkeys((*chosen, *(part for part in order if part in kinds.values()), *order)))[:RIVALS]
+    return [_weigh_rival(scene, entry, part, counts[part], rows) for part in kept]
+
+
+def _weigh_rival(scene: Scene, entry: Finding, part: Component, number: int, rows: Sequence[Row]) -> WeighedRival:
+    success = _find_success(scene, part, rows)
+    reason = _find_reason(scene, entry, part, number < len(rows), success is not None)
+    check, observer, target = success if success and reason == evidence.SUCCESS else ("", "", "")
+    return WeighedRival(
+        id=part.fault.id,
+        kind=part.kind,
+        mode=part.mode,
+        place=part.place_text,
+        what=part.what,
+        rows=number,
+        cost=part.fault.cost,
+        cleared=reason in evidence.CLEARED,
+        reason=reason,
+        check=check,
+        observer=observer,
+        target=target,
+    )
+
+
+def _find_success(scene: Scene, part: Component, rows: Sequence[Row]) -> tuple[str, str, str] | None:
+    """Find a success that needs a part: in the pairs that failed, then in others, in both directions."""
+    pairs = chain(((row.observer, row.target) for row in rows), scene.sample_pairs(part))
+    for observer, target in dict.fromkeys(way for one, other in pairs for way in ((one, other), (other, one))):
+        if scene.count_needs(observer, target)[part]:
+            found = scene.find_successes(observer, target)
+            return next((check, observer, target) for check, parts in found.items() if part in parts)
+    return None
+
+
+def _find_reason(scene: Scene, entry: Finding, part: Component, explains_fewer: bool, has_success: bool) -> str:
+    """Say what cleared a part, or why it was not named though nothing cleared it."""
+    if part in scene.broken:
+        return evidence.OWN_FINDING
+    if has_success and part.fault.hard:
+        return evidence.SUCCESS
+    doubt = scene.doubt(part)
+    if doubt is None:
+        return evidence.GOOD_VALUE
+    if doubt == NOT_FOUND:
+        return evidence.PASSING_RULES
+    if entry.followed and not any(is_consistent(part, end.place) for end in entry.followed):
+        return evidence.PASSED_TRACE
+    if entry.sure == SEEN:
+        return evidence.OUTWEIGHED
+    if explains_fewer:
+        return evidence.FEWER
+    if part in entry.rivals:
+        return evidence.EQUAL
+    return evidence.RARER if part.fault.cost > entry.part.fault.cost else evidence.LESS

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A finding, and the diagnosis that has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..._base.sentences import shorten_list
+from ..._faults.fault import CONTROLLER, INVENTORY, Advices
+from ..checks.engine import FAILED, Row
+from ..components.parts import Component
+from ..trace.findings import SeenEnd
+from .evidence import INFERRED, LOCATED, SEEN, Because
+
+NAMED = 4  # names, networks and the like that a finding names
+
+
+@dataclass
+class Finding:
+    """A finding: a part that is broken, the observations that show it, and those that follow from it."""
+
+    part: Component
+    verdict: str = FAILED
+    rivals: tuple[Component, ...] = ()  # that explain the same: it is one of these
+    proof: list[Row] = field(default_factory=list)  # rows with a value that shows it
+    rows: list[Row] = field(default_factory=list)  # rows that it explains
+    also: tuple[Component, ...] = ()  # the same at the same place: other names, other networks
+
+    passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
+    followed: tuple[SeenEnd, ...] = ()  # where packets were seen to end
+    rule: str = ""  # the id of the row of rules.py that has made it
+    because: Because | None = None
+    since: str = ""  # empty where it is not known
+    commands: Advices = ()  # that mend it, where what was read gives some
+    inventory: str = ""  # of the run, for commands; empty where it is not known
+
+    @property
+    def sure(self) -> str:
+        """How sure it is: a value showed it, packets were seen to end there, or it is what explains most."""
+        return SEEN if self.proof else LOCATED if self.followed else INFERRED
+
+    @property
+    def candidates(self) -> tuple[Component, ...]:
+        """It is one of these."""
+        return (self.part, *self.rivals)
+
+    @property
+    def subjects(self) -> str:
+        """Name what of the part is concerned: the first names or networks, and how many more. Of packets that end, the first."""
+        if self.part.kind == "way":
+            return self.part.what  # the report has all of `followed`
+        return shorten_list(dict.fromkeys(part.what for part in (self.part, *self.also) if part.what), NAMED)
+
+    def sentence(self) -> str:
+        """Say what is wrong."""
+        return self.part._replace(what=self.subjects).sentence()
+
+    @property
+    def do(self) -> Advices:
+        """Say what to do: what was read gives the commands, and the row what lasts. Nothing where it is only inferred."""
+        if self.sure == INFERRED:
+            return ()
+        own = self.part.do(self.inventory)
+        if not self.commands:
+            return own
+        if (
+            self.part.kind == "node"
+        ):  # they name what has started the node, of which the row can only say what it may be
+            return self.commands
+        return (*self.commands, *(one for one in own if one.where in (CONTROLLER, INVENTORY)))
+
+    @property
+    def look(self) -> Advices:
+        """Say what to look at if that does not help, or to tell the candidates apart."""
+        ways = (one for end in self.followed[:1] for one in end.look) if self.part.kind == "way" else ()
+        return tuple(dict.fromkeys((*ways, *(one for part in self.candidates for one in part.look(self.inventory)))))
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The findings, the most important first, and the rows that none of them explains."""
+
+    findings: tuple[Finding, ...] = ()
+    unexplained: tuple[Row, ...] = ()
+    looked_at: int = 0  # rows of them that were explained or tried
+    total: int = 0  # all rows that are not ok
