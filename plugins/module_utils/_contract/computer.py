@@ -22,7 +22,7 @@ class RefusedName(Struct):
         "http://127.0.0.1:41233/",
     )
     master: str = field("The name of its master.", "kobuki2computer")
-    here: str = field("The same here, or the objection.", "it is on this computer itself")
+    here: str = field("The same here, or why it is refused.", "it is on this computer itself")
 
 
 class ServiceState(Struct):

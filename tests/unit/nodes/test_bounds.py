@@ -355,7 +355,7 @@ def fleet_server(**changed):
     )
     made = Server(
         rpc_server.Callers(
-            lambda caller, here: who.objection(outside(caller), outside(here)),
+            lambda caller, here: who.find_refusal(outside(caller), outside(here)),
             lambda address: who.robot(outside(address)),
             who.robots,
             who.own,
@@ -420,14 +420,14 @@ def test_strangers_have_no_connection_by_any_address():
 def test_this_computer_itself_may_always_call():
     members = Members.from_parameters(FLEET)
     who = callers(members, "http://own:11311/", LocalMaster(Settings(), ["172.17.0.1"], 11611, members).is_own)
-    assert who.objection("127.0.0.1", "127.0.0.1") == who.objection("172.17.0.1", "172.17.0.1") == ""
+    assert who.find_refusal("127.0.0.1", "127.0.0.1") == who.find_refusal("172.17.0.1", "172.17.0.1") == ""
     assert who.robot("172.17.0.1") == who.own
 
 
 def test_anybody_may_call_without_a_plan():
     who = callers(Members.from_parameters({}), "http://own:11311/", lambda address: False)
     assert who.robot("10.9.9.9") == "10.9.9.9"
-    assert who.objection("10.9.9.9", "10.0.0.1") == ""
+    assert who.find_refusal("10.9.9.9", "10.0.0.1") == ""
 
 
 COSTLY = [

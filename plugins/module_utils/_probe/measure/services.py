@@ -30,7 +30,7 @@ _PROPERTIES = (
 _REFUSED = 50  # names that a node refuses, which are told
 _WORD = r'("[^"]*"|[^\s"(),]+)'  # as quote() writes it
 _MORE = re.compile(r"(?:^|, )and [0-9]+ more$")
-# An entry of rosfleet_multimaster/sync/core/report.py: name, kind, what is there, its master, and what is here or the objection.
+# An entry of rosfleet_multimaster/sync/core/report.py: name, kind, what is there, its master, and what is here or why it is refused.
 _REFUSAL = re.compile(rf"{_WORD}(?: \(([a-z]{{1,20}}) {_WORD} of {_WORD}: {_WORD}\))?(?:, |$)")
 
 

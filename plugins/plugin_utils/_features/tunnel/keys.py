@@ -59,15 +59,13 @@ def join_keys(
     new = {
         computer: key for computer, key in told.items() if computer in inside and key not in ("", keys.get(computer))
     }
-    reasons = {computer: _find_objection(computer, key, keys, new, rotate) for computer, key in new.items()}
+    reasons = {computer: _find_refusal(computer, key, keys, new, rotate) for computer, key in new.items()}
     refused = {computer: reason for computer, reason in reasons.items() if reason}
     keys.update({computer: str(key) for computer, key in new.items() if computer not in refused})
     return keys, {computer: f"{computer}: {reason}" for computer, reason in refused.items()}
 
 
-def _find_objection(
-    computer: str, key: object, kept: Mapping[str, str], new: Mapping[str, object], rotate: bool
-) -> str:
+def _find_refusal(computer: str, key: object, kept: Mapping[str, str], new: Mapping[str, object], rotate: bool) -> str:
     """Say why a key that a computer has told is not believed; empty if it is."""
     if not is_key(key):
         return f"its public key is {quote(key, LINE)}; expected 32 bytes in base64: find out who answers there"

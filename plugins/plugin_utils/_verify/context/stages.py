@@ -94,7 +94,7 @@ def observe_exchange(context: CheckContext, topic: str) -> dict[Stage, bool | No
         if registered and _has_answered(at_home)
         else None,
         Stage.GIVEN: gives,
-        Stage.PLANNED: False if gives and own and _list_objections(own, [topic]) else gives,
+        Stage.PLANNED: False if gives and own and _list_exclusions(own, [topic]) else gives,
         Stage.IMPORTED: _has_import(own, topic),
     }
 
@@ -165,7 +165,7 @@ def _is_listed(context: CheckContext, own: Participant) -> bool:
     return entry is not None and entry.online
 
 
-def _list_objections(own: Participant, names: list[str]) -> list[str]:
+def _list_exclusions(own: Participant, names: list[str]) -> list[str]:
     """List what of a sync node keeps names out: its refusals, or filters that are not as planned."""
     refused = {name for service in own.probe.services for name in service.refused}
     other = [
@@ -220,7 +220,7 @@ def find_lacking(context: CheckContext, stage: Stage | None, topic: str) -> Part
         return make_parts("discovery", its, "configuration")
     if stage == Stage.PLANNED:
         computer = context.run.get(own)
-        others = shorten_list(_list_objections(computer, [topic]) if computer else [], NAMED)
+        others = shorten_list(_list_exclusions(computer, [topic]) if computer else [], NAMED)
         return find_refusals(context, [topic]) or make_parts("sync", own, "configuration", what=others)
     if stage == Stage.IMPORTED and own != its:
         return make_parts("sync", own, "stale", what=context.robots[1])

@@ -17,32 +17,32 @@ def members(strangers="ignore", allow=()):
 @pytest.mark.parametrize("address", ["192.168.1.201", "192.168.11.101"])
 @pytest.mark.parametrize("uri", [URI, "http://Tibi-Visio:11311", "http://192.168.1.201:11311/"])
 def test_a_member_is_itself_at_its_planned_addresses(strangers, address, uri):
-    assert members(strangers).objection(uri, "tibi-visio", address) == ""
+    assert members(strangers).find_refusal(uri, "tibi-visio", address) == ""
 
 
 @pytest.mark.parametrize("strangers", ["ignore", "allow"])
 @pytest.mark.parametrize("address", ["192.168.1.66", "192.168.11.102", "192.168.1.77"])
 def test_a_member_is_nowhere_else_whatever_is_allowed(strangers, address):
-    said = members(strangers, ["192.168.1.77/32"]).objection(URI, "tibi-visio", address)
+    said = members(strangers, ["192.168.1.77/32"]).find_refusal(URI, "tibi-visio", address)
     assert mentions(said, "tibi-visio", "192.168.1.201", "192.168.11.101")
 
 
 @pytest.mark.parametrize("strangers", ["ignore", "allow"])
 def test_nobody_else_has_the_name_of_a_member(strangers):
-    said = members(strangers, ["192.168.1.77/32"]).objection("http://rogue:11311/", "Tibi-Visio", "192.168.1.77")
+    said = members(strangers, ["192.168.1.77/32"]).find_refusal("http://rogue:11311/", "Tibi-Visio", "192.168.1.77")
     assert mentions(said, "name", "master")
 
 
 def test_a_stranger_is_ignored_unless_it_is_allowed():
     rogue = ("http://rogue:11311/", "rogue", "192.168.1.66")
-    assert members().objection(*rogue) == "it is no robot of the fleet"
-    assert members("allow").objection(*rogue) == ""
-    assert members(allow=["192.168.1.64/29"]).objection(*rogue) == ""
-    assert Members().objection(*rogue) == ""
+    assert members().find_refusal(*rogue) == "it is no robot of the fleet"
+    assert members("allow").find_refusal(*rogue) == ""
+    assert members(allow=["192.168.1.64/29"]).find_refusal(*rogue) == ""
+    assert Members().find_refusal(*rogue) == ""
 
 
 def test_a_second_master_on_a_members_computer_is_a_stranger():
-    said = members().objection("http://tibi-visio:11411/", "tibi-visio_11411", "192.168.1.201")
+    said = members().find_refusal("http://tibi-visio:11411/", "tibi-visio_11411", "192.168.1.201")
     assert mentions(said, "tibi-visio", "http://tibi-visio:11411/")
 
 

@@ -22,14 +22,14 @@ RESOLVED = {
 }
 
 
-def objection(uri, master=URI, sender="192.168.1.201", members=None):
+def find_refusal(uri, master=URI, sender="192.168.1.201", members=None):
     return Places(
         Members.from_parameters(MEMBERS if members is None else members),
         master,
         f"http://{sender}:11611",
         HERE,
         RESOLVED,
-    ).objection(uri)
+    ).find_refusal(uri)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def objection(uri, master=URI, sender="192.168.1.201", members=None):
     ],
 )
 def test_nodes_of_a_robot_are_on_allowed_computers(uri):
-    assert objection(uri) == ""
+    assert find_refusal(uri) == ""
 
 
 WRONG = {
@@ -86,7 +86,7 @@ WRONG = {
 
 @pytest.mark.parametrize("uri", WRONG)
 def test_everything_else_is_refused(uri):
-    assert WRONG[uri] in objection(uri)
+    assert WRONG[uri] in find_refusal(uri)
 
 
 STRANGER = "http://guest:11311/"
@@ -106,8 +106,8 @@ STRANGER = "http://guest:11311/"
     ],
 )
 def test_an_allowed_stranger_has_its_own_address_and_networks(uri, said):
-    assert said in objection(uri, STRANGER, "10.0.0.9", {**MEMBERS, "strangers": "allow"})
-    assert bool(said) == bool(objection(uri, STRANGER, "10.0.0.9", {**MEMBERS, "strangers": "allow"}))
+    assert said in find_refusal(uri, STRANGER, "10.0.0.9", {**MEMBERS, "strangers": "allow"})
+    assert bool(said) == bool(find_refusal(uri, STRANGER, "10.0.0.9", {**MEMBERS, "strangers": "allow"}))
 
 
 @pytest.mark.parametrize("master", [URI, STRANGER])
@@ -123,20 +123,20 @@ def test_who_is_allowed_is_not_at_another_robot(master, host):
         "hosts": ["third", "10.9.0.1"],
     }
     wide = {"members": [TIBI, third], "strangers": "allow", "allow": ["10.9.0.0/16"]}
-    said = objection(f"http://{host}:40000/", master, "192.168.1.201" if master == URI else "10.9.0.3", wide)
+    said = find_refusal(f"http://{host}:40000/", master, "192.168.1.201" if master == URI else "10.9.0.3", wide)
     assert bool(said) == (host == "10.9.0.1") and (not said or " computer of " in said)
 
 
 def test_odd_uris_are_refused_without_a_fleet():
     for uri in ("http://10.0.0.10:40000/", "http://unknown:40000/", "http://192.168.1.88:40000/"):
-        assert objection(uri, STRANGER, "10.0.0.9", {}) == ""
+        assert find_refusal(uri, STRANGER, "10.0.0.9", {}) == ""
     for uri in ("http://127.0.0.1:9001/", f"http://{OWN}:9001/", "http://10.0.0.9:9001/x", "http://10.0.0.9:80/"):
-        assert objection(uri, STRANGER, "10.0.0.9", {}) != ""
+        assert find_refusal(uri, STRANGER, "10.0.0.9", {}) != ""
 
 
 def test_a_second_master_on_this_computer_has_its_nodes_here():
-    assert objection(f"http://{OWN}:40000/", STRANGER, OWN, {}) == ""
-    assert objection("http://127.0.0.1:40000/", STRANGER, "127.0.0.1", {}) == ""
+    assert find_refusal(f"http://{OWN}:40000/", STRANGER, OWN, {}) == ""
+    assert find_refusal("http://127.0.0.1:40000/", STRANGER, "127.0.0.1", {}) == ""
 
 
 def state(*uris):
@@ -157,7 +157,7 @@ def test_only_unplanned_names_are_looked_up():
 @given(st.text(max_size=40), st.sampled_from(["http://{}:9/", "http://{}", "http://tibi-visio{}", "{}"]))
 def test_whatever_a_uri_is_there_is_an_answer(text, form):
     uri = form.format(text)
-    said = objection(uri)
+    said = find_refusal(uri)
     assert isinstance(said, str)
     if not said:
         assert any(host in uri.lower() for host in (*TIBI["hosts"], "laptop", "192.168.7.", "192.168.1.77"))

@@ -58,7 +58,7 @@ def test_line_ends_are_as_whoever_reads_the_copy_has_them():
     ids=lambda value: None if isinstance(value, str) else "value",
 )
 def test_what_is_beyond_a_bound_is_not_taken(value, why):
-    with pytest.raises(values.Objection, match=why):
+    with pytest.raises(values.UnusableValue, match=why):
         values.take(value)
 
 
@@ -86,7 +86,7 @@ def test_a_drawn_value_is_refused_or_comes_back_the_same(seed):
     for _count in range(200):
         try:
             made, _size = values.take(drawn(numbers))
-        except values.Objection:
+        except values.UnusableValue:
             continue
         taken += 1
         assert values.digest(written_and_read(made)) == values.digest(made)

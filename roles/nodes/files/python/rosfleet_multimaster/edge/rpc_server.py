@@ -71,7 +71,7 @@ class PackedAnswer:
 class Callers(NamedTuple):
     """The rules for callers. They are asked in the thread that takes connections."""
 
-    objection: Callable[[str, str], str] = lambda _caller, _here: ""  # (its address, ours) -> why not, "" for none
+    find_refusal: Callable[[str, str], str] = lambda _caller, _here: ""  # (its address, ours) -> why not, "" for none
     robot: Callable[[str], str] = str  # who is at an address: all computers of a robot are one, and all strangers
     robots: Collection[str] = ()  # for each of which a part is kept
     own: str = ""  # the one of this computer
@@ -126,11 +126,11 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Refuse a connection that is not allowed, or is one too many."""
         address = client_address[0]
-        objection = self._callers.objection(address, request.getsockname()[0])
-        if not objection and not self._begin(request, self.robot_at(address)):
-            objection = "too many connections of its robot at once"
-        if objection:
-            self.malformed(address, objection)
+        refusal = self._callers.find_refusal(address, request.getsockname()[0])
+        if not refusal and not self._begin(request, self.robot_at(address)):
+            refusal = "too many connections of its robot at once"
+        if refusal:
+            self.malformed(address, refusal)
             return False
         return True
 
@@ -348,7 +348,7 @@ def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> C
     """The rules for callers. The server listens at all addresses, since the planned one may come late."""
     own = members.master(own_uri)
 
-    def find_objection(caller: str, address: str) -> str:
+    def find_refusal(caller: str, address: str) -> str:
         if is_here(caller) or members.strangers == ALLOW:
             return ""
         if own is not None and address not in own.hosts:
@@ -359,7 +359,7 @@ def callers(members: Members, own_uri: str, is_here: Callable[[str], bool]) -> C
         return HERE if is_here(address) else members.robot_at(address)
 
     robots = [HERE, ALLOWED, *(member.robot for member in members.robots)] if members.robots else [HERE]
-    return Callers(find_objection, find_robot, robots, HERE)
+    return Callers(find_refusal, find_robot, robots, HERE)
 
 
 def serve(

@@ -106,7 +106,7 @@ class Members:
             return address
         return self._by_host.get(address) or (ALLOWED if address in self.allow else STRANGERS)
 
-    def objection(self, uri: str, name: str, address: str) -> str:
+    def find_refusal(self, uri: str, name: str, address: str) -> str:
         """Why the master that calls itself so, at this address, is none to exchange with; empty where it is one."""
         member = self.master(uri)
         if member is not None:

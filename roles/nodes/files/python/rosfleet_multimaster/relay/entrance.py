@@ -100,12 +100,12 @@ class Entrance:
             self._listens_at = monotonic() + AGAIN
             return False
         robot = self._parties.find_robot(address)
-        objection = self._rules.objection(address, connection.getsockname()[0])
-        if not objection and not (self._open.have_room(robot) and self._new.have_room(robot)):
-            objection = "too many connections of its robot at once"
-        if objection:
+        refusal = self._rules.find_refusal(address, connection.getsockname()[0])
+        if not refusal and not (self._open.have_room(robot) and self._new.have_room(robot)):
+            refusal = "too many connections of its robot at once"
+        if refusal:
             connection.close()
-            self.tell_malformed(address, objection)
+            self.tell_malformed(address, refusal)
         else:
             self._begin(connection, robot)
         return True

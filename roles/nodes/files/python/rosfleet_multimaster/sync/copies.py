@@ -42,7 +42,7 @@ class ParameterAnswer(NamedTuple):
     """What a robot has of the planned parameters: the values that are taken, and why others are not."""
 
     values: Mapping[str, Tuple[Any, str]]  # name -> value and digest
-    objections: Mapping[str, str]
+    refusals: Mapping[str, str]
     size: int
 
 
@@ -256,7 +256,7 @@ class Copies:
             return
         self._log(todo, failed)
         before, self.record = _count(self.record), copies.settle(todo, failed)
-        refused = [] if last else [*todo.refused, *self._list_objections()]
+        refused = [] if last else [*todo.refused, *self._list_refusals()]
         changed = before != _count(self.record) or refused != self.refused
         self.refused = refused
         self._end(last, OSError("a parameter is refused") if failed else None)
@@ -274,13 +274,13 @@ class Copies:
         if len(lines) > LINES:
             program.LOG.info("... and %d more parameters", len(lines) - LINES)
 
-    def _list_objections(self) -> List[RegistrationConflict]:
+    def _list_refusals(self) -> List[RegistrationConflict]:
         """A refusal for each value that is not taken."""
         return [
             RegistrationConflict("parameter", name, source.title, "", f"its value there {why}")
             for source in self._sources.values()
             if source.answer is not None
-            for name, why in source.answer.objections.items()
+            for name, why in source.answer.refusals.items()
         ]
 
     def _end(self, last: bool, problem: Optional[Exception]) -> None:
@@ -328,17 +328,17 @@ def _read_one(rpc: Rpc, caller: str, name: str) -> Any:
     try:
         return rpc.call("getParam", caller, name)
     except DocumentTooLarge:
-        return values.Objection(f"has more than {MOST} bytes")
+        return values.UnusableValue(f"has more than {MOST} bytes")
 
 
 def _take(names: Sequence[str], results: Sequence[Any]) -> ParameterAnswer:
     """The answer in results of getParam. Raises ValueError where they are none."""
     taken: Dict[str, Tuple[Any, str]] = {}
-    objections: Dict[str, str] = {}
+    refusals: Dict[str, str] = {}
     total = 0
     for name, result in zip(names, results):
         try:
-            if isinstance(result, values.Objection):
+            if isinstance(result, values.UnusableValue):
                 raise result
             value = _value(result)
             if value is None or value == {}:
@@ -346,10 +346,10 @@ def _take(names: Sequence[str], results: Sequence[Any]) -> ParameterAnswer:
             made, size = values.take(value)
             taken[name] = made, values.digest(made)
             total += size
-        except values.Objection as problem:
-            objections[name] = str(problem)
+        except values.UnusableValue as problem:
+            refusals[name] = str(problem)
             total += MOST
-    return ParameterAnswer(taken, objections, total)
+    return ParameterAnswer(taken, refusals, total)
 
 
 def _value(result: Any) -> Any:

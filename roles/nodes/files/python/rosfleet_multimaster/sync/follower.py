@@ -87,7 +87,7 @@ class StateFilter:
         members, fetch = self._core.members, self._fetch
         addresses = addresses_of_all(names_to_resolve(state, members), LOOKUPS)
         places = Places(members, fetch.uri, fetch.monitor_uri, read_network(), addresses)
-        return places.objections(state)
+        return places.find_refusals(state)
 
 
 class Follower:

@@ -169,7 +169,7 @@ class Discovery:
         entry = self.peers.table.get(key) or self.newcomers.table.get(key)
         if entry is None:
             other = f"its discovery answers at port {key[2]}, which is not the planned one"
-            self.outsiders.take_answer(key, contact, self.life.objection(key, contact) or other, now)
+            self.outsiders.take_answer(key, contact, self.life.find_refusal(key, contact) or other, now)
             self.newcomers.meet(now)
             return False
         asked, entry.asked, entry.contacted, entry.contact_due = entry.asked, None, now, FAR

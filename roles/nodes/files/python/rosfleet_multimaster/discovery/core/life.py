@@ -47,9 +47,9 @@ class Life:
 
     def take_answer(self, entry: Peer, news: News) -> None:
         """Take an answer over TCP, or that there was no answer."""
-        objection = self.objection(entry.key, news.contact)
-        if news.contact is not None and objection:
-            self._refuse(entry, news.contact, objection, news.now)
+        refusal = self.find_refusal(entry.key, news.contact)
+        if news.contact is not None and refusal:
+            self._refuse(entry, news.contact, refusal, news.now)
         elif entry.contact is None:
             self._take_newcomer(entry, news)
         elif entry.is_leaving:
@@ -59,13 +59,13 @@ class Life:
         elif entry.online:
             self._ask_later(entry, news)
 
-    def objection(self, key: Key, contact: Optional[Contact]) -> str:
+    def find_refusal(self, key: Key, contact: Optional[Contact]) -> str:
         """Why nothing is exchanged with a master that answers so; empty where there is no reason."""
-        return "" if contact is None else self._members.objection(contact.uri, contact.name, key[0])
+        return "" if contact is None else self._members.find_refusal(contact.uri, contact.name, key[0])
 
-    def _refuse(self, entry: Peer, contact: Contact, objection: str, now: float) -> None:
+    def _refuse(self, entry: Peer, contact: Contact, refusal: str, now: float) -> None:
         """Exchange nothing with a master that is not what it says, and ask it again much later. Its heartbeats are still heard."""
-        self._outsiders.refuse(entry.key, contact, objection, now)
+        self._outsiders.refuse(entry.key, contact, refusal, now)
         self._peers.drop(entry, now)
         entry.contact_due = now + FORGET_NEWCOMER
 

@@ -37,12 +37,12 @@ class Places:
         self._member: Optional[MemberRobot] = members.master(uri)
         self._sender = host_of(monitor_uri)
 
-    def objections(self, state: State) -> Dict[str, str]:
-        """URI of a misplaced node or service in a state -> the objection."""
-        objections = {uri: self.objection(uri) for uri in uris(state)}
-        return {uri: why for uri, why in objections.items() if why}
+    def find_refusals(self, state: State) -> Dict[str, str]:
+        """URI of a misplaced node or service in a state -> the refusal."""
+        refusals = {uri: self.find_refusal(uri) for uri in uris(state)}
+        return {uri: why for uri, why in refusals.items() if why}
 
-    def objection(self, uri: str) -> str:
+    def find_refusal(self, uri: str) -> str:
         """The reason not to connect to this URI of a node or a service; empty where it is fine."""
         host, port = place_of(uri)
         if not host:
@@ -51,12 +51,12 @@ class Places:
             return "its port is no node's"
         if self._member is not None and port in self._member.ports:
             return f"port {port} there is its roscore's or its discovery's"
-        return self._find_host_objection(host)
+        return self._find_host_refusal(host)
 
     def _is_here(self, address: str) -> bool:
         return address.startswith(("127.", "0.")) or address in self._here.addresses
 
-    def _find_host_objection(self, host: str) -> str:
+    def _find_host_refusal(self, host: str) -> str:
         if self._member is not None and host in self._member.hosts:
             return ""
         if ":" in host:
@@ -74,9 +74,9 @@ class Places:
             return f"{quote(host)} is no computer of {self._member.robot}"
         if is_of_robot:
             return f"{quote(host)} is a computer of a robot of the fleet"
-        return self._find_stranger_objection(host, address)
+        return self._find_stranger_refusal(host, address)
 
-    def _find_stranger_objection(self, host: str, address: str) -> str:
+    def _find_stranger_refusal(self, host: str, address: str) -> str:
         if not self._members.robots or address == self._sender:
             return ""
         if not address:

@@ -46,7 +46,7 @@ class RegistrationConflict(NamedTuple):
     name: str  # of the node, the service, the topic, the parameter
     master: str  # the name of its master
     uri: str  # of the node or service there; for a type, the type there
-    holder: str  # the same here; for a place and a parameter, the objection
+    holder: str  # the same here; for a place and a parameter, the refusal
 
 
 @dataclass
@@ -269,7 +269,7 @@ class Sync:
 
     def take_announcement(self, master: AnnouncedMaster, now: float) -> None:
         """Take the news of discovery that a master is there, or changed."""
-        stranger = self.members.objection(master.uri, master.name, host_of(master.monitor_uri))
+        stranger = self.members.find_refusal(master.uri, master.name, host_of(master.monitor_uri))
         remote = self.remotes.get(master.uri)
         wanted = remote is not None and remote.announced.name == master.name
         if stranger or master.uri == self.own_uri or not (wanted or self.filters.wants_host(master.name)):

@@ -23,7 +23,7 @@ _LINE_END = re.compile("\r\n?")
 _NO_KEY = re.compile("[/\0-\x1f\x7f]")
 
 
-class Objection(ValueError):
+class UnusableValue(ValueError):
     """A value that is not taken; its text goes on after "its value"."""
 
 
@@ -34,11 +34,11 @@ class _ValueReader:
         self.parts = self.size = 0
 
     def take(self, value: Any, depth: int = 0) -> Any:
-        """The value. Raises Objection."""
+        """The value. Raises UnusableValue."""
         self._count(1, _PART)
         if isinstance(value, (dict, list, tuple)):
             if depth >= DEPTH:
-                raise Objection(f"has more than {DEPTH} lists and mappings in each other")
+                raise UnusableValue(f"has more than {DEPTH} lists and mappings in each other")
             return self._members(value, depth) if isinstance(value, dict) else self._items(list(value), depth)
         if isinstance(value, str):
             return self._text(value)
@@ -53,21 +53,21 @@ class _ValueReader:
     def _members(self, value: Dict[Any, Any], depth: int) -> Dict[str, Any]:
         for key in value:
             if not isinstance(key, str) or not 0 < len(key) <= KEY or _NO_KEY.search(key):
-                raise Objection("has a member whose name is no short text without a slash")
+                raise UnusableValue("has a member whose name is no short text without a slash")
         return {self._text(key): self.take(part, depth + 1) for key, part in value.items()}
 
     def _text(self, text: str) -> str:
         if UNWRITABLE.search(text):
-            raise Objection("has a character that XML does not have")
+            raise UnusableValue("has a character that XML does not have")
         self._count(0, len(text) if text.isascii() else len(text.encode()))
         return _LINE_END.sub("\n", text)  # as whoever reads it from XML has it
 
     def _count(self, parts: int, size: int) -> None:
         self.parts, self.size = self.parts + parts, self.size + size
         if self.parts > PARTS:
-            raise Objection(f"has more than {PARTS} parts")
+            raise UnusableValue(f"has more than {PARTS} parts")
         if self.size > BYTES:
-            raise Objection(f"has more than {BYTES} bytes")
+            raise UnusableValue(f"has more than {BYTES} bytes")
 
 
 def _take_number(value: Any) -> Any:
@@ -76,12 +76,12 @@ def _take_number(value: Any) -> Any:
     if isinstance(value, float) and math.isfinite(value):
         return value
     if isinstance(value, (int, float)):
-        raise Objection("has a number that XML-RPC does not have")
-    raise Objection("is no text, number, list or mapping, and has nothing but these in it")
+        raise UnusableValue("has a number that XML-RPC does not have")
+    raise UnusableValue("is no text, number, list or mapping, and has nothing but these in it")
 
 
 def take(value: Any) -> Tuple[Any, int]:
-    """A value of another robot, made anew, and what it counts in bytes. Raises Objection."""
+    """A value of another robot, made anew, and what it counts in bytes. Raises UnusableValue."""
     reader = _ValueReader()
     return reader.take(value), reader.size
 
