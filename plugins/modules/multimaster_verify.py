@@ -257,6 +257,10 @@ options:
         description: Those of C(/master_sync).
         type: dict
         default: {}
+      master_relay:
+        description: Those of C(/master_relay), which it reads from C(/etc/rosfleet-multimaster/master_relay.json).
+        type: dict
+        default: {}
   crossing:
     description:
       - Parameters that this robot gives to others, or gets of them, for example V(/robot_description). Their digests on this robot's
@@ -848,7 +852,7 @@ BOOT = {
     "routes": {"type": "list", "elements": "dict", "default": [], "options": ROUTE},
     "hosts": {"type": "bool", "default": True},
 }
-PARAMETERS = {name: {"type": "dict", "default": {}} for name in ("master_discovery", "master_sync")}
+PARAMETERS = {name: {"type": "dict", "default": {}} for name in ("master_discovery", "master_sync", "master_relay")}
 ARGUMENTS = {
     "action": {"type": "str", "choices": actions.list_words(*ACTIONS), "aliases": ["state"], "default": "collect"},
     "run": {"type": "str", "default": "default"},

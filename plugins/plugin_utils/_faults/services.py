@@ -294,6 +294,15 @@ EXCHANGE: Mapping[Key, Fault] = {
         read=ALWAYS,
         why="both roscores were compared",
     ),
+    ("relay", "configuration"): Fault(
+        "RF-446",
+        "the relay of {place} takes other topics or services across than the inventory says: {what}",
+        do=(site("writes its parameters, as a run for all robots with another --limit has not"),),
+        look=(on("cat /etc/rosfleet-multimaster/master_relay.json"),),
+        what="see its parameters",
+        read=ALWAYS,
+        why="its parameters were compared",
+    ),
     ("declaration", "narrow"): Fault(
         "RF-443",
         "{place} leaves out what the others need: {what}",

@@ -8,6 +8,7 @@ import json
 import typing
 
 from ..._base.plain_text import plain
+from ..._base.regular_files import read_regular
 from ..._contract.ros import CrossingParameter, NodeParameters, ParameterDifference
 from ..ros_client.ros import Ros
 
@@ -15,6 +16,9 @@ FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filte
 SIM_TIME = "/use_sim_time"
 MOST = 50  # parameters that are told
 LONGEST = 200  # characters of a value: they are for people
+# The nodes that have their parameters from a file. They start again as soon as it is another one.
+FILES = {"master_relay": "/etc/rosfleet-multimaster/master_relay.json"}
+_MOST_BYTES = 4 << 20
 # The same nodes of fkie_mas, where somebody has started them by hand.
 SUCCESSOR = {"master_discovery": "mas_discovery", "master_sync": "mas_sync"}
 Plan = typing.Dict[str, typing.Dict[str, typing.Any]]  # node -> its parameters
@@ -70,7 +74,9 @@ def digest(value: typing.Any) -> str:
 
 
 def _read(ros: Ros, node: str) -> typing.Any:
-    """Read the namespace of a node. Raises OSError with the sentence about the usual name where neither is there."""
+    """Read the namespace of a node, or its file. Raises OSError with the sentence about the usual name where neither is there."""
+    if node in FILES:
+        return _read_file(FILES[node])
     try:
         return ros.ask("getParam", "/" + node)
     except OSError:
@@ -79,6 +85,14 @@ def _read(ros: Ros, node: str) -> typing.Any:
         except (OSError, KeyError):
             pass
         raise
+
+
+def _read_file(path: str) -> typing.Any:
+    """Read the parameters in a file. Raises OSError."""
+    try:
+        return json.loads(read_regular(path, _MOST_BYTES).decode("utf-8"))
+    except (ValueError, RecursionError) as problem:
+        raise OSError(f"{path} is no JSON: {problem}") from problem
 
 
 def compare(
@@ -90,10 +104,30 @@ def compare(
     """
     both = dict({name: None for name, value in there.items() if _filters(name, value)}, **wanted)
     return [
-        ParameterDifference(node, plain(name)[:LONGEST], expected=_text(value), found=_text(there.get(name))).plain()
+        ParameterDifference(node, plain(name)[:LONGEST], expected=_text(expected), found=_text(found)).plain()
         for name, value in sorted(both.items())
         if there.get(name) != value
+        for expected, found in [_leave_out_common(value, there.get(name))]
     ][:MOST]
+
+
+def _leave_out_common(value: typing.Any, found: typing.Any) -> typing.Tuple[typing.Any, typing.Any]:
+    """Return what of two lists differs: a text for people is cut, and the difference may stand at its end."""
+    if not (isinstance(value, list) and isinstance(found, list)) or len(value) + len(found) > MOST * MOST:
+        return value, found
+    more, less = [one for one in value if one not in found], [one for one in found if one not in value]
+    if [type(one) for one in (*more, *less)] == [dict, dict] and more and less:
+        return _compare_entries(more[0], less[0])
+    return (more, less) if more or less else (value, found)  # another order
+
+
+def _compare_entries(
+    one: typing.Dict[str, typing.Any], other: typing.Dict[str, typing.Any]
+) -> typing.Tuple[typing.Dict[str, typing.Any], typing.Dict[str, typing.Any]]:
+    """Return the keys of two entries of which the values differ, with what differs of them."""
+    names = [name for name in sorted({*one, *other}) if one.get(name) != other.get(name)]
+    pairs = [(name, _leave_out_common(one.get(name), other.get(name))) for name in names]
+    return {name: both[0] for name, both in pairs}, {name: both[1] for name, both in pairs}
 
 
 def _filters(name: str, value: typing.Any) -> bool:

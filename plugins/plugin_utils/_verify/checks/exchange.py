@@ -14,11 +14,12 @@ from ..components.parts import Component
 from ..context import needs, stages
 from ..context.check_context import CheckContext
 from ..context.needs import Parts, join_parts, make_parts
-from ..context.registrations import TEST_NODES, Clash, Conflict, RegisteredItem
+from ..context.registrations import RELAY, TEST_NODES, Clash, Conflict, RegisteredItem
 from ..context.stages import Stage
 from ..observe.observations import Exchange, SilentNode
 from ..observe.outcomes import Outcome
 from .engine import FAILED, OK, ROSCORES, UNKNOWN, WARNING, Check, Judgement, judge_fault
+from .relay import find_broken_relay
 
 NAMED = 4  # registrations, names or connections that a finding names
 MOST_PARTS = 100  # names or topics of two robots that are parts: hostile ones may have a hundred thousand in common
@@ -91,11 +92,13 @@ def _find_silent_parts(context: CheckContext, exchange: Exchange) -> Parts:
         make_parts(kind, context.observer.name, "hung") for node, kind in OWN_NODES.items() if node in exchange.silent
     )
     misplaced = context.state.misplaced.get(context.observer.plan.robot, {})
-    others = [entry for entry in exchange.silences if entry.node not in misplaced]
+    relay = find_broken_relay(context, context.observer.name) if RELAY in exchange.silent else frozenset()
+    left_out = {*misplaced, *([RELAY] if relay else [])}
+    others = [entry for entry in exchange.silences if entry.node not in left_out]
     refused = [entry.node for entry in others if _has_ended(context, entry)]
     ended = make_parts("registration", context.observer.name, "ghost", what=shorten_list(refused, NAMED))
     people = join_parts(_find_people_parts(context, entry) for entry in others if not _is_ours(entry.node))
-    return nodes | stages.find_mute_talkers(context) | people | (ended if refused else frozenset())
+    return nodes | relay | stages.find_mute_talkers(context) | people | (ended if refused else frozenset())
 
 
 def _is_ours(node: str) -> bool:

@@ -21,7 +21,11 @@ DECIDES = {
     ("master_discovery", "interface"): ("interface", "multicast"),
 }
 # node -> the kind of its parts, and the modes that its parameters decide
-NODES = {"master_discovery": ("discovery", "group", "port", "configuration"), "master_sync": ("sync", "configuration")}
+NODES = {
+    "master_discovery": ("discovery", "group", "port", "configuration"),
+    "master_sync": ("sync", "configuration"),
+    "master_relay": ("relay", "configuration"),
+}
 
 
 def _has_parameters(context: CheckContext) -> bool:

@@ -14,8 +14,9 @@ from ..._inventory.flows import find_inner_name, find_outer_name, list_names
 from ..components.parts import Component
 from ..context import needs
 from ..context.check_context import CheckContext
-from ..context.needs import Parts, make_parts
+from ..context.needs import Parts, join_parts, make_parts
 from ..context.registrations import RELAY, TEST_NODES
+from ..observe.observations import ServiceState
 from .engine import FAILED, MASTER, Check, Judgement, judge_fault
 
 DIAGNOSTICS = "/diagnostics"  # the relay has something to say itself
@@ -94,6 +95,36 @@ def _is_of(context: CheckContext, kind: str, name: str) -> bool:
     return matches(names, name)
 
 
+_WRITTEN = "master_relay"  # the node whose parameters are compared
+UNIT = "multimaster-relay.service"
+
+
+def find_broken_relay(context: CheckContext, *computers: str) -> Parts:
+    """Find what is wrong with the relays of some computers themselves: what does not cross follows from it."""
+    parts: Parts = frozenset()
+    for name in computers:
+        computer = context.run.get(name)
+        if computer is None or not computer.is_probed:
+            continue
+        for entry in computer.probe.services:
+            if entry.unit == UNIT and entry.active_state and entry.active_state != "active":
+                parts |= make_parts("service", name, find_mode(entry), what=UNIT)
+            elif entry.unit == UNIT and entry.stopped:
+                parts |= make_parts("service", name, "stopped", what=UNIT)
+        differing = [one for one in computer.probe.parameters.differing if one.node == _WRITTEN]
+        parts |= join_parts(
+            make_parts("relay", name, "configuration", what=f"{one.name} is {one.found}") for one in differing
+        )
+    return parts
+
+
+def find_mode(entry: ServiceState) -> str:
+    """Return the mode of the part of a service that is not active."""
+    if entry.load_state == "not-found":
+        return "missing"
+    return "looping" if entry.active_state == "activating" and entry.restarts else "down"
+
+
 def _suspects(context: CheckContext) -> Parts:
     own, its = context.masters
     return (
@@ -101,6 +132,34 @@ def _suspects(context: CheckContext) -> Parts:
         | make_parts("service", its, "down")
         | needs.master_query_parts(context, own, its)
     )
+
+
+def _find_other_types(context: CheckContext) -> list[str]:
+    """Find the topics of the target's robot that have another type under their name here: nothing of them crosses."""
+    own, its = context.robots
+    here, there = context.state.exchanges.robots[own].sums, context.state.exchanges.robots[its].sums
+    found = []
+    for item in context.state.exchanges.robots[its].own:
+        if item.kind != "publisher" or item.node == RELAY or item.node.startswith(TEST_NODES):
+            continue
+        for name in _find_names(context, item.kind, item.name):
+            kind, other = there.get(item.name, ("", ""))[0], here.get(name, ("", ""))[0]
+            if kind and other and kind != other:
+                found.append(f"{item.name} of {its} is {kind}, and {name} of {own} is {other}")
+    return sorted(set(found))
+
+
+@Check(
+    title="topics that cross by the relay have one type",
+    scope=MASTER,
+)
+def _judge_relay_types(context: CheckContext) -> Judgement | None:
+    robots = context.state.exchanges.robots
+    if not _list_channels(context) or any(robot not in robots for robot in context.robots):
+        return None
+    found = shorten_list(_find_other_types(context), NAMED)
+    part = Component.from_pair("messages", "differ", *context.robots, what=found)
+    return judge_fault(FAILED, "one type of each topic on both sides", found, "so", frozenset({part}))
 
 
 @Check(
@@ -116,4 +175,5 @@ def _judge_relay(context: CheckContext) -> Judgement | None:
     parts = [("not there", missing), ("there without an owner", more)]
     found = "; ".join(f"{words}: {shorten_list(topics, NAMED)}" for words, topics in parts if topics)
     lacking = Component.from_pair("relay", "lacking", *context.robots, what=shorten_list(missing or more, NAMED))
-    return judge_fault(FAILED, "what the channels take across", found, "just that", frozenset({lacking}))
+    broken = find_broken_relay(context, *context.masters) or frozenset({lacking})
+    return judge_fault(FAILED, "what the channels take across", found, "just that", broken)

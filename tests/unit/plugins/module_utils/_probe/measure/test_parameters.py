@@ -3,6 +3,8 @@
 
 """The parameters of nodes, as a real XML-RPC server tells them."""
 
+import json
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import parameters
 
@@ -120,3 +122,16 @@ def test_digests_of_crossing_parameters():
 def test_a_roscore_without_an_answer_tells_no_digests():
     found = parameters.parameters(Holding(None), {}, ["/a"])
     assert found["crossing"] == [] and "refused" in found["error"]
+
+
+def test_the_parameters_of_the_relay_are_those_of_its_file(tmp_path, monkeypatch):
+    path = tmp_path / "master_relay.json"
+    monkeypatch.setitem(parameters.FILES, "master_relay", str(path))
+    channel = {"peer": "kobuki2", "topics": ["/scan"], "rate": 0}
+    planned = {"port": 11711, "channels": [{**channel, "peer": "a" * 90}, {**channel, "topics": ["/scan", "/odom"]}]}
+    path.write_text(json.dumps({"port": 11711, "channels": [{**channel, "peer": "a" * 90}, channel], "members": [1]}))
+    found = parameters.parameters(Told({}), {"master_relay": planned})
+    (entry,) = found["differing"]
+    assert (entry["name"], entry["expected"], entry["found"]) == ("channels", '{"topics": ["/odom"]}', '{"topics": []}')
+    path.write_text("[")
+    assert "no JSON" in parameters.parameters(Told({}), {"master_relay": planned})["error"]

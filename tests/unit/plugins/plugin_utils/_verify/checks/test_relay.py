@@ -6,8 +6,13 @@
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Exchange,
+    NodeParameters,
+    ParameterDifference,
     RegisteredTopic,
+    ServiceState,
+    SilentNode,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import diagnosed, plan, update
 
 ROBOT, STATION = "kobuki1computer", "kobuki2computer"
@@ -85,3 +90,57 @@ def test_the_nodes_of_the_verification_itself_are_left_out():
 def test_what_nobody_publishes_is_one_finding():
     (finding,) = tell(robot=CROSSED["robot"][1:], station=CROSSED["station"]).findings
     assert (finding.part.kind, finding.part.mode) == ("relay", "lacking") and "/kobuki1/scan" in finding.sentence()
+
+
+def tell_with(change, **crossed):
+    """The diagnosis with what is published, and a change of the observations of both computers."""
+
+    def seen_so(seen):
+        for name, published in ((ROBOT, crossed["robot"]), (STATION, crossed["station"])):
+            topics = tuple(RegisteredTopic(topic, kind, (node,)) for topic, kind, node in published)
+            update(seen[name].probe, exchange=Exchange(topics=topics))
+        change(seen)
+
+    return diagnosed(seen_so, plan(2, exports=EXPORTS))
+
+
+LACKING = {**CROSSED, "station": CROSSED["station"][1:]}
+UNIT = "multimaster-relay.service"
+
+
+@pytest.mark.parametrize(
+    ("state", "mode"),
+    [
+        (ServiceState("relay", UNIT, active_state="inactive", sub_state="dead"), "down"),
+        (ServiceState("relay", UNIT, load_state="not-found", active_state="inactive", sub_state="dead"), "missing"),
+        (ServiceState("relay", UNIT, active_state="active", stopped=True), "stopped"),
+    ],
+)
+def test_a_relay_that_does_not_run_is_the_only_finding(state, mode):
+    def change(seen):
+        probe = seen[ROBOT].probe
+        update(probe, services=(*(one for one in probe.services if one.name != "relay"), state))
+        if state.stopped:
+            silent = (SilentNode("/master_relay", ROBOT, "timed out", Outcome.NO_ANSWER, Outcome.OPEN),)
+            update(probe.exchange, silent=("/master_relay",), silences=silent)
+
+    (finding,) = tell_with(change, **LACKING).findings
+    assert (finding.part.kind, finding.part.place, finding.part.mode) == ("service", ROBOT, mode)
+    assert "cleanup" not in str(finding.do)
+
+
+def test_a_relay_with_other_channels_than_planned_is_named_at_its_computer():
+    def change(seen):
+        differing = (ParameterDifference("master_relay", "channels", "['/scan']", "[]"),)
+        update(seen[ROBOT].probe, parameters=NodeParameters(("master_relay",), differing))
+
+    (finding,) = tell_with(change, **LACKING).findings
+    assert (finding.part.kind, finding.part.place, finding.part.mode) == ("relay", ROBOT, "configuration")
+    assert {row.check for row in finding.proof} == {"parameters", "relay"}
+
+
+def test_a_topic_with_another_type_on_the_other_side_is_named():
+    crossed = {**CROSSED, "robot": [CROSSED["robot"][0], ("/cmd_vel", "geometry_msgs/TwistStamped", "/base")]}
+    told = tell(**{**crossed, "robot": [*crossed["robot"], ("/x", DRIVE, "/master_relay")]})
+    found = [one for one in told.findings if one.part.kind == "messages"]
+    assert len(found) == 1 and "/kobuki1/cmd_vel" in found[0].sentence() and "TwistStamped" in found[0].sentence()
