@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 STARTERS = ("shell", "unit", "launch")
 PATIENCE = 40  # seconds until a node has registered
 _TALK = "rostopic pub -r 2 /{name} std_msgs/Int32 1"
+# rostopic ends without a roscore; a node of rospy waits for it.
+_WAIT = 'python3 -c "import os, rospy; rospy.init_node(os.uname().sysname); rospy.spin()"'
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def list_services_elsewhere(host: str) -> Wrong:
 
 def start(name: str, starter: str, wrong: Wrong) -> str:
     """Return the command that starts a node, wrongly."""
-    steps = [wrong.before, _START[starter](name, wrong.variables)]
+    steps = [wrong.before, _START[starter](name, wrong)]
     if wrong.registers:
         uri = f"ROS_MASTER_URI={wrong.master} " if wrong.master else ""
         steps.append(_wait(f"{uri}timeout 5 rosnode list 2>/dev/null | grep -qx /{name}"))
@@ -110,26 +112,31 @@ def _env(variables: Mapping[str, str]) -> str:
     return " ".join([*unset, *(f"{name}={value}" for name, value in sorted(variables.items()))])
 
 
-def _say(name: str, variables: Mapping[str, str]) -> str:
-    return f"echo $$ >/run/{name}.pid; exec env {_env(variables)} {_TALK.format(name=name)} __name:={name}"
+def _say(name: str, wrong: Wrong) -> str:
+    words = _TALK.format(name=name) if wrong.registers else _WAIT
+    return f"exec env {_env(wrong.variables)} {words} __name:={name}"
 
 
-def _start_in_shell(name: str, variables: Mapping[str, str]) -> str:
-    return f"setsid bash -lc '{_say(name, variables)}' >/dev/null 2>&1 </dev/null & sleep 1"
+def _start_in_shell(name: str, wrong: Wrong) -> str:
+    return f"setsid bash -lc 'echo $$ >/run/{name}.pid; {_say(name, wrong)}' >/dev/null 2>&1 </dev/null & sleep 1"
 
 
-def _start_unit(name: str, variables: Mapping[str, str]) -> str:
-    return f"systemd-run --quiet --collect --unit {_unit(name)} bash -lc '{_say(name, variables)}'"
+def _start_unit(name: str, wrong: Wrong) -> str:
+    # systemd would take a $ for one of its variables
+    unit = _unit(name)
+    told = f"systemctl show --property MainPID --value {unit} >/run/{name}.pid"
+    return f"systemd-run --quiet --collect --unit {unit} bash -lc '{_say(name, wrong)}'; {told}"
 
 
-def _start_by_launch_file(name: str, variables: Mapping[str, str]) -> str:
+def _start_by_launch_file(name: str, wrong: Wrong) -> str:
     package = (
         f'<package><name>{name}</name><version>0.0.0</version><description>d</description><maintainer email="a@example.com">a</maintainer>'
         "<license>l</license></package>"
     )
-    told = "".join(f'<env name="{variable}" value="{value}"/>' for variable, value in sorted(variables.items()))
+    told = "".join(f'<env name="{variable}" value="{value}"/>' for variable, value in sorted(wrong.variables.items()))
     launch = f'<launch><node pkg="{name}" type="talk" name="{name}" output="log">{told}</node></launch>'
-    script = f'#!/bin/sh\\necho $$ >/run/{name}.pid\\nexec {_TALK.format(name=name)} "$@"\\n'
+    talk = _TALK.format(name=name) if wrong.registers else _WAIT
+    script = f'#!/bin/sh\\necho $$ >/run/{name}.pid\\nexec {talk} "$@"\\n'
     steps: Sequence[str] = (
         f"mkdir -p /run/{name}/{name}",
         f"printf '{package}' >/run/{name}/{name}/package.xml",
@@ -142,7 +149,7 @@ def _start_by_launch_file(name: str, variables: Mapping[str, str]) -> str:
     return "; ".join(steps)
 
 
-_START: Mapping[str, Callable[[str, Mapping[str, str]], str]] = {
+_START: Mapping[str, Callable[[str, Wrong], str]] = {
     "shell": _start_in_shell,
     "unit": _start_unit,
     "launch": _start_by_launch_file,

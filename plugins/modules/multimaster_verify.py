@@ -565,8 +565,8 @@ exchange:
           md5sum: cd5e73d190d741a2f92e81eda573aca7}], services: [{name: /base/reset, node: /base}], imports: [{master: 'http://kobuki2computer:11311/',
           topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}], services: []}],
       silent: [], silences: [], announced: [{node: /odom_pub, host: 127.0.0.1, port: 41233, addresses: [], services: ''}],
-      nodes: {registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}, connections: [{node: /base, topic: /goal,
-          direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}]}
+      unreached: [], nodes: {registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}, connections: [
+        {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}]}
   contains:
     error: {description: 'Why it could not be read, or empty.', returned: always, type: str}
     types_error: {description: 'Why the md5 sums are not known, or empty.', returned: always, type: str}
@@ -579,6 +579,8 @@ exchange:
     silences: {description: 'The same, with the reason of each.', returned: always, type: list, elements: dict}
     announced: {description: 'The robot''s own nodes that announce another host than the planned names and addresses of their
           robot, or whose services are on another computer, 100 at most.', returned: always, type: list, elements: dict}
+    unreached: {description: 'The nodes of other robots that are registered here, and to whose port no TCP connection opens from
+          here; of more than 300, one of every so many is tried.', returned: always, type: list, elements: dict}
     nodes: {description: The number of the robot's own nodes., returned: always, type: dict}
     connections: {description: 'The connections of the robot''s own nodes with nodes of other robots, by C(getBusInfo).', returned: always,
         type: list, elements: dict}

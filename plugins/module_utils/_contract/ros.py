@@ -155,6 +155,16 @@ class SilentNode(Struct):
     )
 
 
+class UnreachedNode(Struct):
+    """A node of another robot that is registered here, and to whose port no connection opens."""
+
+    node: str = field("The node.", "/odom_pub", needed=True)
+    host: str = field("The host in its URI.", "kobuki2computer")
+    port: int = field("The port in its URI.", 41233)
+    error: str = field("Why it does not open.", "no answer")
+    outcome: Outcome = field("The same as one word of RV(masters[].outcome).", "no_answer")
+
+
 class AnnouncedHost(Struct):
     """An own node of a robot that announces a host which the plan does not have for its robot, or services elsewhere."""
 
@@ -213,6 +223,11 @@ class Exchange(Struct):
     announced: typing.Tuple[AnnouncedHost, ...] = field(
         "The robot's own nodes that announce another host than the planned names and addresses of their robot, or whose services are on"
         " another computer, 100 at most."
+    )
+    unreached: typing.Tuple[UnreachedNode, ...] = field(
+        "The nodes of other robots that are registered here, and to whose port no TCP connection opens from here; of more than 300, one of "
+        "every so many is tried.",
+        [],
     )
     nodes: NodeCount = field("The number of the robot's own nodes.")
     connections: typing.Tuple[NodeConnection, ...] = field(

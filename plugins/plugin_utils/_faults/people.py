@@ -85,6 +85,13 @@ NODES: Mapping[Key, Fault] = {
         "a node uses another roscore",
         look=MASTER_LOOK,
     ),
+    ("node", "fenced"): _node(
+        9,
+        "{what} on {place} takes no connections of other robots, and other nodes there do: a packet filter drops those to its ports",
+        "a node",
+        hand("let all TCP ports above 1024 of {place} pass, since ROS takes any of them for a node"),
+        look=(RULES, on("ss -ltnp")),
+    ),
     ("node", "hung"): _node(
         8,
         "on {place} {what} takes connections and does not answer: it hangs, or a signal or a debugger has stopped it",

@@ -16,7 +16,7 @@ from ..._base.foreign import last_line
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
 from ..._contract.outcomes import Outcome
-from ..._contract.ros import Exchange
+from ..._contract.ros import Exchange, UnreachedNode
 from ..._machine import network
 from ..._machine.outcomes import classify_error, connect
 from ..ros_client import message_types, node_hosts, node_services, tcpros
@@ -30,6 +30,8 @@ TYPES = 20.0  # seconds for the classes of all types
 NODES = 20.0  # seconds for the connections of all nodes
 NAMES = 5.0  # seconds for the addresses of all hosts
 OPENS = 2.0  # seconds in which a TCP connection to a node that does not answer is to open
+MOST_TRIED = 300  # nodes of other robots that are connected to; of more, one of every so many
+MOST_SERVICES = 5000  # whose places are asked for
 MOST_ASKED = 1000  # nodes that are asked for their connections; of more, one of every so many
 # The host and the port at the other end of a connection; without bounds a long text of a stranger would be read for an hour.
 OTHER_END = re.compile(r" to \[(.{1,255}):\d{1,5} on socket")
@@ -58,6 +60,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     named = {uri: node for node, uri in uris.items()}
     found["announced"] = _resolve(node_hosts.announced(nodes, _service_uris(ros, nodes, tables[2]), members, own))
     found["connections"], silent, asked = _connections(_sample(nodes), named, HostRobots(members), own)
+    found["unreached"] = _try_imported({node: uris[node] for node in imported if node in uris})
     others = {node: uri for node, uri in nodes.items() if not _is_talker(node)}
     found["nodes"] = {"registered": len(others), "asked": asked, "hosts": node_hosts.count_hosts(others)}
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
@@ -80,9 +83,24 @@ def _resolve(rows: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typ
     return [dict(row, addresses=found.get(row["host"], ([], ""))[0]) for row in rows]
 
 
-def _sample(nodes: typing.Dict[str, str]) -> typing.Dict[str, str]:
+def _try_imported(nodes: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Connect to nodes of other robots ({node: URI}), as subscribers here do, and list those to which no connection opens."""
+    tried = _sample({node: uri for node, uri in nodes.items() if not _is_talker(node)}, MOST_TRIED)
+    places = sorted((node, place_of(uri)) for node, uri in tried.items())
+    wanted = [(node, host, port) for node, (host, port) in places if host and port]
+    answers = call_all(lambda place: connect(place[1], place[2], OPENS), wanted, NODES, lambda place: None)
+    return [
+        UnreachedNode(
+            node, host=plain(host), port=port, error=plain(answer.words), outcome=answer.outcome.value
+        ).plain()
+        for (node, host, port), answer in zip(wanted, answers)
+        if answer is not None and answer.outcome != Outcome.OPEN
+    ]
+
+
+def _sample(nodes: typing.Dict[str, str], most: int = MOST_ASKED) -> typing.Dict[str, str]:
     """Take one of every so many nodes, if there are very many."""
-    step = -(-len(nodes) // MOST_ASKED) or 1
+    step = -(-len(nodes) // most) or 1
     return {node: nodes[node] for node in sorted(nodes)[::step]}
 
 
@@ -101,14 +119,20 @@ def _look_up(ros: Ros, method: str, names: typing.List[str]) -> typing.Dict[str,
         raise OSError(f"{ros.uri}: {tell_reason(problem)}") from problem
 
 
-def _service_uris(ros: Ros, nodes: typing.Iterable[str], services: Names) -> typing.Dict[str, str]:
-    """Ask for the URI of one service of each node, since all its services have one place: {node: URI}. Empty without an answer."""
-    one_of = {users[0]: name for name, users in sorted(services.items()) if users}
-    names = {one_of[node]: node for node in sorted(nodes) if node in one_of}
+def _service_uris(ros: Ros, nodes: typing.Dict[str, str], services: Names) -> typing.Dict[str, str]:
+    """Ask for the URIs of the services of nodes ({node: URI}): {node: URI of one that is elsewhere, or else of any}. Empty without an answer."""
+    providers = {name: users[0] for name, users in sorted(services.items()) if users and users[0] in nodes}
+    names = list(providers)[:MOST_SERVICES]
     try:
-        return {names[name]: uri for name, uri in _look_up(ros, "lookupService", list(names)).items()} if names else {}
+        uris = _look_up(ros, "lookupService", names) if names else {}
     except OSError:
         return {}
+    found: typing.Dict[str, str] = {}
+    for name, uri in sorted(uris.items()):
+        node = providers[name]
+        if node not in found or host_of(uri) != host_of(nodes[node]):
+            found[node] = uri
+    return found
 
 
 def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]]:

@@ -16,7 +16,7 @@ from ..context.check_context import CheckContext
 from ..context.needs import Parts, join_parts, make_parts
 from ..context.registrations import RELAY, TEST_NODES, Clash, Conflict, RegisteredItem
 from ..context.stages import Stage
-from ..observe.observations import Exchange, SilentNode
+from ..observe.observations import Exchange, SilentNode, UnreachedNode
 from ..observe.outcomes import Outcome
 from .engine import FAILED, OK, ROSCORES, UNKNOWN, WARNING, Check, Judgement, judge_fault
 from .relay import find_broken_relay
@@ -142,6 +142,58 @@ def _judge_nodes_answer(context: CheckContext) -> Judgement | None:
         return Judgement(OK, expected, "they answer")
     broken = _find_silent_parts(context, context.exchange)
     return Judgement(WARNING, expected, f"no answer of {shorten_list(silent, NAMED)}", broken)
+
+
+# Nodes of other robots, as their subscribers here reach them
+
+
+def _list_unreached(context: CheckContext) -> list[tuple[str, UnreachedNode]]:
+    """List the nodes of the target's robot to which no connection opens, with their computers. One that has ended is told at its own roscore."""
+    robot, state = context.robots[1], context.state
+    seen = context.peer.probe.exchange.silent if context.peer else ()
+    left_out = {*state.misplaced.get(robot, {}), *seen, *OWN_NODES, RELAY}
+    entries = context.exchange.unreached if context.exchange else ()
+    placed = ((context.ways.name_at(entry.host) or entry.host, entry) for entry in entries)
+    return [
+        (computer, entry)
+        for computer, entry in placed
+        if entry.outcome not in (Outcome.REFUSED, Outcome.NOT_TRIED)
+        and entry.node not in left_out
+        and computer in context.fleet.computers
+        and context.fleet.computers[computer].robot == robot
+    ]
+
+
+def _is_heard(context: CheckContext, computer: str) -> bool:
+    """Return True if the talker of the verification is heard from there, so other ports of that computer are open."""
+    topic = context.observer.topics.get(computer)
+    return topic is not None and topic.heard
+
+
+def _find_fences(context: CheckContext, unreached: Iterable[tuple[str, UnreachedNode]]) -> Parts:
+    """Find the rules that drop connections to these nodes, and the nodes to which no connection opens, though it does to others there."""
+    parts: Parts = frozenset()
+    for computer, entry in unreached:
+        drop = context.state.filters.find_drop(context.observer.name, computer, "nodes", entry.port)
+        if drop is not None:
+            parts |= {drop}
+        elif _is_heard(context, computer):
+            parts |= make_parts("node", computer, "fenced", what=entry.node)
+    return parts
+
+
+@Check(
+    title="nodes of the other robot take connections",
+    scope=ROSCORES,
+    when=_has_content,
+    suspects=lambda context: join_parts(
+        needs.talks(context, context.observer.name, computer, "nodes") for computer, _entry in _list_unreached(context)
+    ),
+)
+def _judge_nodes_reached(context: CheckContext) -> Judgement:
+    unreached = _list_unreached(context)
+    found = shorten_list((f"{entry.node} on {computer}: {entry.error}" for computer, entry in unreached), NAMED)
+    return judge_fault(FAILED, "each port of a node opens", found, "they open", _find_fences(context, unreached))
 
 
 # Names

@@ -35,12 +35,15 @@ class ReadFilters:
         self._fleet = fleet
         self._observations = observations
         self._members: Mapping[str, Member] = {member.name: member for member in fleet.members}
-        self._known: dict[tuple[str, str, str], Component | None] = {}
+        self._known: dict[tuple[str, str, str, int], Component | None] = {}
         self.rules: dict[Component, Rule] = {}  # that have shown a filter
 
-    def find_drop(self, sender: str, target: str, traffic: str) -> Component | None:
-        """Return the packet filter that drops a packet of this kind, or its answer; None where no known rule does."""
-        key = (sender, target, traffic)
+    def find_drop(self, sender: str, target: str, traffic: str, port: int = 0) -> Component | None:
+        """Return the packet filter that drops a packet of this kind, or its answer; None where no known rule does.
+
+        `port`: that of one node, where it is known.
+        """
+        key = (sender, target, traffic, port)
         if key not in self._known:
             self._known[key] = self._trace_packet(*key)
         return self._known[key]
@@ -62,13 +65,14 @@ class ReadFilters:
         chain = part.mode.rpartition(" ")[2]  # without one the filter is that of both ends
         return self.world.machines[part.place].unclear.isdisjoint({chain} & {IN, OUT, FORWARD} or {IN, OUT})
 
-    def _trace_packet(self, sender: str, target: str, traffic: str) -> Component | None:
+    def _trace_packet(self, sender: str, target: str, traffic: str, port: int) -> Component | None:
         member, machines = self._members.get(target), self.world.machines
         if member is None or sender not in machines or target not in machines:
             return None
         if traffic == GROUP:
             return self._trace_datagram(sender, target)
-        way = packets.echo(self.world, sender, self.make_packet(member, traffic))
+        packet = self.make_packet(member, traffic)
+        way = packets.echo(self.world, sender, replace(packet, port=port) if port else packet)
         failed = way.failure
         if failed is None or failed.rule is None:
             return None

@@ -72,6 +72,7 @@ from ....module_utils._contract.ros import (
     Stream,
     Talker,
     TopicPublisher,
+    UnreachedNode,
 )
 from ....module_utils._contract.tunnel import SeenTunnel, TunnelPeer
 from ....module_utils._contract.verify import Probe, Streams
@@ -136,6 +137,7 @@ __all__ = [
     "Stream",
     "Streams",
     "Talker",
+    "UnreachedNode",
     "TimeSource",
     "NodeTraffic",
     "TunnelPeer",

@@ -14,6 +14,8 @@ import time
 import types
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.outcomes import Outcome
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.outcomes import PortAnswer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import exchange
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import message_types
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import ros as probe_ros
@@ -362,3 +364,37 @@ nonsense = st.recursive(
 @given(nonsense)
 def test_any_bus_info_is_read(answer):
     exchange.links(answer)
+
+
+def test_nodes_of_others_to_whose_port_no_connection_opens_are_told(ros):
+    made, roscore = ros
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen(5)
+        port = listener.getsockname()[1]
+        roscore.uris.update({"/planner": "http://127.0.0.2:1/", "/eye": f"http://127.0.0.1:{port}/"})
+        roscore.imports = {THERE: {"/planner": "http://127.0.0.2:1/", "/eye": f"http://127.0.0.1:{port}/"}}
+        (row,) = looked_at(made)["unreached"]
+    assert (row["node"], row["host"], row["port"], row["outcome"]) == ("/planner", "127.0.0.2", 1, "refused")
+
+
+def test_of_thousands_of_nodes_of_others_some_are_tried(monkeypatch):
+    tried = []
+    monkeypatch.setattr(
+        exchange, "connect", lambda host, port, _patience: tried.append(port) or PortAnswer(Outcome.OPEN, None, 1.0, "")
+    )
+    nodes = {f"/node{number}": f"http://127.0.0.2:{2000 + number}/" for number in range(9000)}
+    assert exchange._try_imported({**nodes, "/odd": "http://[::1", "/none": ""}) == []
+    assert 0 < len(tried) <= exchange.MOST_TRIED
+
+
+def test_one_service_elsewhere_is_told_beside_others_at_home(monkeypatch):
+    at_home, elsewhere = "rosrpc://here:5", "rosrpc://192.0.2.9:5"
+    monkeypatch.setattr(
+        exchange,
+        "_look_up",
+        lambda _ros, _method, names: {name: elsewhere if name == "/a/set" else at_home for name in names},
+    )
+    services = {"/a/get": ["/a"], "/a/set": ["/a"], "/a/zero": ["/a"], "/b/get": ["/b"], "/c": ["/planner"]}
+    found = exchange._service_uris(None, {"/a": "http://here:1/", "/b": "http://here:2/"}, services)
+    assert found == {"/a": elsewhere, "/b": at_home}

@@ -19,6 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     RefusedName,
     RegisteredService,
     SilentNode,
+    UnreachedNode,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import (
@@ -445,3 +446,27 @@ def test_a_node_at_the_roscore_of_another_robot_is_a_warning():
 
     (finding,) = diagnosed(change).findings
     assert finding.part[:3] == ("node", TWO, "robot") and finding.verdict == WARNING
+
+
+def _unreached(*nodes, outcome=Outcome.NO_ANSWER):
+    rows = tuple(UnreachedNode(node, TWO, 41000, "no answer", outcome) for node in nodes)
+    return lambda seen: update(seen[ONE].probe.exchange, unreached=rows)
+
+
+def test_a_node_behind_a_filter_of_its_own_is_named_with_its_computer():
+    told = diagnosed(_unreached("/odom_pub", "/lidar"))
+    assert parts(told) == [("node", TWO, "fenced")]
+    assert "/odom_pub" in told.findings[0].sentence() and "/lidar" in told.findings[0].sentence()
+
+
+def test_a_node_that_refuses_has_ended_and_is_told_at_its_own_roscore():
+    assert not diagnosed(_unreached("/odom_pub", outcome=Outcome.REFUSED)).findings
+
+
+def test_a_node_that_does_not_answer_at_home_either_is_told_there():
+    def change(seen):
+        _unreached("/odom_pub")(seen)
+        silent = (SilentNode("/odom_pub", TWO, "timed out", Outcome.NO_ANSWER, Outcome.OPEN),)
+        update(seen[TWO].probe.exchange, silent=("/odom_pub",), silences=silent)
+
+    assert parts(diagnosed(change)) == [("node", TWO, "hung")]
