@@ -299,44 +299,6 @@ def test_ros_has_three_files(path):
         assert not {name.split(".")[0] for name in imports(path)} & ROS
 
 
-#: what touches the outside -> the only files of the nodes that import it; wait_for_master.py runs alone, without these
-OUTSIDE = {
-    "socket": "relay/calls relay/dial relay/wire discovery/udp edge/addresses edge/connections edge/lifeline edge/loop edge/process/systemd "
-    "edge/rpc_client edge/rpc_server roscore/door roscore/master roscore/tcpros sync/connection_ender",
-    "socketserver": "edge/rpc_server",
-    "select": "",
-    "selectors": "edge/loop",
-    "http": "edge/rpc_client edge/rpc_server",
-    "threading": "relay/board discovery/rpc_methods discovery/state_feed edge/rpc_server edge/loop edge/patience "
-    "edge/process/children edge/process/room edge/process/throttle edge/journal "
-    "edge/rpc_client roscore/changes roscore/door roscore/master roscore/notifier roscore/refusals roscore/store "
-    "sync/state_room",
-    "queue": "edge/loop",
-    "time": "edge/clock wait_for_master",
-    "signal": "edge/process/program end_hangs publish_metrics run_plain",
-    "subprocess": "edge/process/children",
-    "asyncio": "",
-    "concurrent": "",
-    "multiprocessing": "",
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("module", OUTSIDE)
-def test_what_touches_the_outside_is_in_few_files(module):
-    users = {
-        in_the_nodes(path.with_suffix(""))
-        for path in sources(NODES)
-        if module in {name.split(".")[0] for name in imports(path)}
-    }
-    assert users == set(OUTSIDE[module].split())
-
-
-def test_ros_is_handed_to_the_parts_by_the_programs():
-    users = {path.name for path in sources(NODES) if "rosfleet_multimaster.edge.ros" in imports(path)}
-    assert users == {"master_discovery.py", "master_sync.py"}
-
-
 @pytest.mark.parametrize("path", sources(NODES), ids=lambda path: path.stem)
 def test_no_setting_of_the_process_is_changed(path):
     text = path.read_text(encoding="utf-8")
