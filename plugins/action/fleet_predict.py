@@ -32,7 +32,9 @@ class ActionModule(FleetAction):
             fleet = from_plain(FleetPlan, plain_fleet)
         except Mismatch as problem:
             raise Refusal(f"The plan of the fleet cannot be read: {problem}") from None
-        predicted = prediction.predict(fleet, machines(fleet, task_vars["hostvars"], machine))
+        everybody, present = (task_vars.get(f"ansible_play_hosts{which}", ()) for which in ("_all", ""))
+        refused = {host for host in everybody if host not in present}
+        predicted = prediction.predict(fleet, machines(fleet, task_vars["hostvars"], machine), refused)
         sentences = [plain(text, LINE) for text in prediction.warnings(predicted)]
         if table:
             Display().display("\n" + plain_lines(prediction.render(predicted)) + "\n")
@@ -41,8 +43,9 @@ class ActionModule(FleetAction):
             "works": not sentences,
             "sentences": sentences,
             "assumed": list(predicted.assumed),
+            "refused": list(predicted.refused),
             "ways": plain_data(prediction.list_ways(predicted)),
-            **({} if table else {"warnings": sentences}),
+            **({} if table else {"warnings": [*sentences, *map(plain, prediction.name_refused(predicted))]}),
         }
 
 

@@ -11,6 +11,7 @@ description:
     M(rosfleet.multimaster.fleet_plan), as the kernels would pass them on. Nothing is sent.
   - It does so for the machines as they are now, and as C(site.yml) would leave them, each way with its way back.
   - For what would not work it names the first place at which packets end, in one sentence.
+  - A computer that has failed in this play, such as one that preflight refused, stays as it is, so it is left out.
   - A computer that was not looked at, and a device of another make, is taken as planned.
   - Runs on the controller and connects to no host, so it is run once.
 extends_documentation_fragment:
@@ -88,6 +89,12 @@ assumed:
   type: list
   elements: str
   sample: [192.168.11.1]
+refused:
+  description: The computers that have failed in this play, such as those that preflight refused. They are left out.
+  returned: success
+  type: list
+  elements: str
+  sample: [tibi-arm]
 ways:
   description: The ways that would not work, or that do not work now.
   returned: success

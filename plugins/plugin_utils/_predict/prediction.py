@@ -9,7 +9,7 @@ Pure: the plan and the facts in; plain data, sentences and a table out.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from itertools import chain, permutations
@@ -117,6 +117,7 @@ class Prediction:
     computers: Sequence[str]
     assumed: Sequence[str]  # computers and devices without facts
     unclear: Sequence[str]  # machines with rules that are not understood
+    refused: Sequence[str] = ()  # computers that stay as they are, so no way to or from them is predicted
 
     @property
     def failures(self) -> Mapping[End, Sequence[Pair]]:
@@ -143,24 +144,26 @@ def _join_ends(pairs: Sequence[Pair]) -> End:
     return End(*(" and ".join(texts) for texts in words))
 
 
-def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info]) -> Prediction:
-    """Predict the ways between all computers, from their facts."""
+def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info], refused: Container[str] = ()) -> Prediction:
+    """Predict the ways between all computers, from their facts. The `refused` ones stay as they are: others may pass by them."""
     known = facts.read_machines(fleet, infos)
     now = facts.join_world(fleet, known)
-    after = facts.apply_plan(fleet, now, known)
+    after = facts.apply_plan(fleet, now, (name for name in known if name not in refused))
+    members = [member for member in fleet.members if member.name not in refused]
     return Prediction(
-        pairs=list(_pairs(fleet, now, after)),
-        computers=[member.name for member in fleet.members],
+        pairs=list(_pairs(fleet, members, now, after)),
+        computers=[member.name for member in members],
+        refused=[member.name for member in fleet.members if member.name in refused],
         assumed=[name for name in after.machines if name not in known],
         unclear=[machine.name for machine in after.machines.values() if machine.unclear],
     )
 
 
-def _pairs(fleet: FleetPlan, now: World, after: World) -> Iterator[Pair]:
+def _pairs(fleet: FleetPlan, members: Sequence[Member], now: World, after: World) -> Iterator[Pair]:
     same = now == after  # as after every site.yml
     few = list_declared()
-    declared = ((one, other, few) for one, other in permutations(fleet.members, 2))
-    for one, other, traffics in chain(choose_ways(fleet.members), declared):
+    declared = ((one, other, few) for one, other in permutations(members, 2))
+    for one, other, traffics in chain(choose_ways(members), declared):
         for traffic in traffics:
             packet = traffic.make_packet(fleet, one, other)
             if packet is not None:
@@ -258,6 +261,14 @@ def warnings(prediction: Prediction) -> list[str]:
     return [write_sentence(end, pairs) for end, pairs in prediction.failures.items()]
 
 
+def name_refused(prediction: Prediction) -> list[str]:
+    """Return a sentence about the computers that are left out, if there are some."""
+    if not prediction.refused:
+        return []
+    who = shorten_list(prediction.refused, MOST)
+    return [f"Left out of the prediction, since they stay as they are in this run: {who}."]
+
+
 def list_ways(prediction: Prediction) -> list[dict[str, str]]:
     """Return the ways that do not work now or after site.yml, as plain data."""
     return [
@@ -352,7 +363,7 @@ def _groups(prediction: Prediction) -> Iterator[str]:
 
 
 def _notes(prediction: Prediction) -> list[str]:
-    notes = []
+    notes = name_refused(prediction)
     if prediction.assumed:
         notes.append(f"Not looked at, and taken as planned: {shorten_list(prediction.assumed, MOST)}.")
     if prediction.unclear:

@@ -12,13 +12,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain i
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 from mentioned import mentions
-from worlds import change, fig12, info_of
+from worlds import change, change_interface, fig12, info_of
 
 PLAN = fig12()
 WORLD = make_world(PLAN)
 
 
-def predict(read, **options):
+def predict(read, failed=(), **options):
     task = Task()
     task.action, task.async_val = "rosfleet.multimaster.fleet_predict", 0
     task.args = {"fleet": to_plain(PLAN), "machine": "multimaster_info", **options}
@@ -26,7 +26,10 @@ def predict(read, **options):
     connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
     hostvars = {name: {"multimaster_info": info} for name, info in read.items()}
     module = fleet_predict.ActionModule(task, connection, None, None, None, None)
-    return module.run(task_vars={"hostvars": hostvars})
+    present = [name for name in read if name not in failed]
+    return module.run(
+        task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(read), "ansible_play_hosts": present}
+    )
 
 
 def machines(world=WORLD):
@@ -65,3 +68,15 @@ def test_a_computer_that_says_nothing_of_use_is_taken_as_planned(strange, shown)
 def test_another_thing_than_a_plan_is_one_sentence():
     result = predict({}, fleet={"common_network": "here"})
     assert result["failed"] and result["msg"].startswith("The plan of the fleet cannot be read: ")
+
+
+def test_a_computer_that_was_refused_is_left_out_and_named(shown):
+    """It stays as it is: as a gateway it still passes packets on, or does not."""
+    result = predict(machines(), failed=["tibi-nav"])
+    assert result["refused"] == ["tibi-nav"] and result["works"]
+    assert mentions(result["warnings"][-1], "tibi-nav") and "tibi-nav" not in str(result["ways"])
+    closed = WORLD
+    for interface in WORLD.machines["tibi-visio"].interfaces:
+        closed = change_interface(closed, "tibi-visio", interface.name, forwarding=False)
+    for failed, works in ((), True), (["tibi-visio"], False):
+        assert predict(machines(closed), failed=failed)["works"] == works
