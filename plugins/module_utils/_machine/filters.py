@@ -4,7 +4,7 @@
 """The packet filter of this machine, as far as it can be read simply: rules of nftables, also those that iptables has made.
 
 What a rule says beyond protocol, port, addresses, interfaces, state and length is not understood. Such rules are counted, and left out.
-A rule as people know it is in nft's text alone: in JSON `-m conntrack --ctstate INVALID` is {"xt": ...}, and in nft 0.9.8 null.
+A rule as people know it is in nft's text alone: in JSON `-m conntrack --ctstate INVALID` is {"xt": ...}, and {"xt": null} with nft 0.9.8 of Debian 11.
 """
 
 import ipaddress

@@ -31,7 +31,8 @@ _REFUSED = 50  # names that a node refuses, which are told
 _WORD = r'("[^"]*"|[^\s"(),]+)'  # as quote() writes it
 _MORE = re.compile(r"(?:^|, )and [0-9]+ more$")
 # An entry of rosfleet_multimaster/sync/core/report.py: name, kind, what is there, its master, and what is here or why it is refused.
-_REFUSAL = re.compile(rf"{_WORD}(?: \(([a-z]{{1,20}}) {_WORD} of {_WORD}: {_WORD}\))?(?:, |$)")
+# It begins where a word does: from each letter of a long one, it would read to the end of it again.
+_REFUSAL = re.compile(rf"(?<![^\s\"(),]){_WORD}(?: \(([a-z]{{1,20}}) {_WORD} of {_WORD}: {_WORD}\))?(?:, |$)")
 
 
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:

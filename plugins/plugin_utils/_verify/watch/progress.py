@@ -72,7 +72,7 @@ def plan_rounds(duration: str) -> list[int]:
 
     Return the ends of the rounds in seconds after the start; the last one is the duration. Progress is shown at each end.
     """
-    match = re.fullmatch(r"\s*(\d{1,6})\s*([smhd]?)\s*", str(duration))
+    match = re.fullmatch(r"(\d{1,6})\s*([smhd]?)", str(duration).strip())
     seconds = int(match[1]) * UNITS[match[2]] if match else 0
     if not LEAST <= seconds <= MOST:
         raise UnreadableDuration(
