@@ -23,6 +23,7 @@ from .onset import MAKERS
 ROS = ("roscore", "discovery", "sync")  # services
 
 
+UNTIL = "until the program that makes the rules loads them again: write it there, too"
 Commands = Iterator[str]
 
 
@@ -169,4 +170,5 @@ def make_commands(parts: Sequence[Component], computer: Participant | None, stat
     if found is None or computer is None:
         return ()
     words = "; ".join(filter(None, dict.fromkeys(found(computer, parts, state))))
-    return (Advice(parts[0].place, words),) if words else ()
+    effect = UNTIL if words.startswith(("nft ", "iptables ")) else ""
+    return (Advice(parts[0].place, words, effect),) if words else ()

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import INVENTORY, write_advices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Component
@@ -114,6 +115,44 @@ def interface(**values):
 )
 def test_what_is_to_be_pasted(change, part, expected):
     assert told(change, *part) == (f"on {NAME}: {expected}" if expected else "")
+
+
+NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24, 192.168.12.0/24 }"
+
+
+@pytest.mark.parametrize(
+    ("mode", "what", "origin", "words"),
+    [
+        (
+            "roscore in",
+            "11311",
+            "inet own input",
+            f"nft insert rule inet own input ip saddr {NETS} tcp dport 11311 accept",
+        ),
+        ("rpc in", "", "inet own input", f"nft insert rule inet own input ip saddr {NETS} tcp dport 11611 accept"),
+        ("nodes out", "", "ip own out", f"nft insert rule ip own out ip daddr {NETS} tcp dport 1024-65535 accept"),
+        ("all in", "", "inet own input", f"nft insert rule inet own input ip saddr {NETS} accept"),
+        ("forward", "TCP", "inet own forward", f"nft insert rule inet own forward ip saddr {NETS} accept"),
+        ("all in", "", "ip filter ufw-user-input", "ufw allow from 192.168.1.0/24; "),
+        ("forward", "", "ip filter DOCKER-USER", "iptables -I DOCKER-USER -s 192.168.1.0/24 -j ACCEPT; "),
+        (
+            "all in",
+            "",
+            "inet firewalld filter_INPUT",
+            "firewall-cmd --permanent --zone=trusted --add-source=192.168.1.0/24; ",
+        ),
+        ("roscore in", "11311; reboot", "inet own input", ""),
+        ("all in", "", "inet own in;reboot", ""),
+        ("all in", "", "arp own input", ""),
+    ],
+)
+def test_the_fleet_is_let_in_before_the_rule_that_drops(mode, what, origin, words):
+    fleet = fig12()
+    run = Verification(CHECKS, fleet, observed(fleet))
+    part = Component("filter", NAME, mode, what)
+    run.state.filters.rules[part] = Rule("in", "drop", origins=(origin,))
+    commands = make_commands([part], run.run[NAME], run.state)
+    assert (commands[0].text if commands else "").startswith(words) and bool(commands) == bool(words)
 
 
 def test_nothing_is_known_of_whom_nobody_looked_at():

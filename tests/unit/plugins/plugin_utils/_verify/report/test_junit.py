@@ -37,6 +37,14 @@ def test_a_failure_lists_its_pairs():
     assert "a packet filter on tibi-visio drops" in suite.find("system-out").text
 
 
+def test_a_finding_has_its_id_as_a_property_and_do_and_look_apart():
+    suite = ElementTree.fromstring(write_junit(make_report(fleets.fig12(), fleets.lost_route).document).encode())[0]
+    properties = [(one.get("name"), one.get("value")) for one in suite.findall("properties/property")]
+    assert ("finding", "RF-261 tibi-nav") in properties and properties[-1][1].endswith("2xx.md#rf-261")
+    lines = suite.find("system-out").text.splitlines()
+    assert [line.split(":")[0].strip() for line in lines[:3]] == ["failed", "do", "look"]
+
+
 def test_hostile_text_is_escaped():
     document = make_report(fleets.fig12(), fleets.wall).document
     for row in document["rows"]:
