@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Routes of two interfaces, and the machine in a folder that they are for."""
+"""Routes of two interfaces, and the machine in a folder that they are for; one route in few words."""
 
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.managers import contract
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import NetworkInterface
@@ -25,3 +26,26 @@ ROUTES = {
 def machine(tree, *names):
     links = {name: NetworkInterface(name, number, up=True) for number, name in enumerate(names, 2)}
     return contract.MachineContext(links, booted=False, root=str(tree))
+
+
+#: an item of the module, where nothing is said
+DEFAULTS = {
+    "gateway": None,
+    "device": None,
+    "metric": None,
+    "table": 254,
+    "source": None,
+    "on_link": False,
+    "type": "unicast",
+    "backend": "auto",
+}
+
+
+def route(destination, gateway="", device="eth0", metric=None, **more):
+    if metric is None:
+        metric = 1024 if ":" in destination else 0
+    return RouteSpec(destination, gateway, device, metric, **more)
+
+
+def held(text, version=4, table=254):
+    return kernel.parse_route(text, version, table)

@@ -11,18 +11,9 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from hypothesis import given
 from hypothesis import strategies as st
+from planned_routes import held, route
 
 FIXTURES = Path(__file__).parents[4] / "fixtures" / "routes"
-
-
-def route(destination, gateway="", device="eth0", metric=None, **more):
-    if metric is None:
-        metric = 1024 if ":" in destination else 0
-    return RouteSpec(destination, gateway, device, metric, **more)
-
-
-def held(text, version=4, table=254):
-    return kernel.parse_route(text, version, table)
 
 
 @pytest.mark.parametrize("version", [4, 6])

@@ -8,6 +8,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.network import Address, NetworkInterface
+from planned_routes import DEFAULTS
 
 
 def link(*addresses, up=True, loopback=False):
@@ -22,16 +23,6 @@ INTERFACES = {
     "eth1": link("192.168.1.201/24"),
     "eth2": link("192.168.1.130/25", "10.0.0.1/24"),
     "wlan0": link("10.0.0.2/24", up=False),
-}
-DEFAULTS = {
-    "gateway": None,
-    "device": None,
-    "metric": None,
-    "table": 254,
-    "source": None,
-    "on_link": False,
-    "type": "unicast",
-    "backend": "auto",
 }
 
 

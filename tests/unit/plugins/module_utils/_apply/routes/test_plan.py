@@ -4,22 +4,11 @@
 """The plan for the kernel's routes: changes, undo, record and results. Pure."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import kernel
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import plan as routes_plan
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.kernel import RouteSpec
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.plan import RouteEntry
+from planned_routes import held, route
 
 INTERFACES = {"lo", "eth0", "eth1", "eth2", "wlan0"}
-
-
-def route(destination, gateway="", device="eth0", metric=None, **more):
-    if metric is None:
-        metric = 1024 if ":" in destination else 0
-    return RouteSpec(destination, gateway, device, metric, **more)
-
-
-def held(text, version=4, table=254):
-    return kernel.parse_route(text, version, table)
 
 
 def holding(*texts):

@@ -17,6 +17,7 @@ import ansible_collections
 import pytest
 from mentioned import mentions
 from namespaces import why_not
+from planned_routes import DEFAULTS
 
 from tests.unit import module_server
 
@@ -51,16 +52,6 @@ for options, left in json.load(sys.stdin):
     if os.WIFSIGNALED(os.wait()[1]):
         print(json.dumps("killed"), flush=True)
 """
-FULL = {
-    "gateway": None,
-    "device": None,
-    "metric": None,
-    "table": 254,
-    "source": None,
-    "on_link": False,
-    "type": "unicast",
-    "backend": "auto",
-}
 
 
 pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")
@@ -124,7 +115,7 @@ class Computer:
 
     def full(self, routes):
         """The options with which the module makes its Run."""
-        items = [{**FULL, **item} for item in routes]
+        items = [{**DEFAULTS, **item} for item in routes]
         return {
             "routes": items,
             "backends": {},
