@@ -480,6 +480,8 @@ def pruned(state, random):
     return link(lambda state: [COMMON], pruned=frozenset({state.fleet.multicast_group}))(state, random)
 
 
+# Without the talker of that computer, all its nodes look the same.
+FENCES = (("filter", "nodes in"), ("filter", "nodes"))
 FAULTS = (
     Fault("computer off", on(computers, machine(on=False)), (("computer", "off"),)),
     Fault("no login", on(computers, without_login), (("computer", "login"), ("computer", "off"))),
@@ -585,6 +587,7 @@ FAULTS = (
     ),
     Fault("services elsewhere", start(lambda *_all: {}, services="127.0.0.1"), (("node", "services"),)),
     Fault("a node that hangs", start(lambda *_all: {}, hung=True), (("node", "hung"),)),
+    Fault("a node behind a packet filter", start(lambda *_all: {}, fenced=True), (("node", "fenced"), *FENCES)),
     Fault("node names twice", twin, (("registration", "twin"),)),
     Fault("other message definitions", definitions, (("messages", "differ"),)),
     Fault("a stranger", stranger, (("stranger", "present"),)),

@@ -27,8 +27,8 @@ def _nodes(state):
 
 
 def _type(node):
-    """The type of a node's topic. One that hangs has none: filters leave its topic out, so it is nowhere else."""
-    return "" if node.hung else "std_msgs/String"
+    """The type of a node's topic. One that hangs, or takes no connections, has none: filters leave its topic out, so it is nowhere else."""
+    return "" if node.hung or node.fenced else "std_msgs/String"
 
 
 def add(ros, computer, exchange):
@@ -38,7 +38,7 @@ def add(ros, computer, exchange):
     nodes = [node for node in state.robots[robot].people if node.registered]
     places, silences = _nodes(state), []
     for node in nodes:
-        error = "timed out" if node.hung else _connect(ros, computer, node, places[node])
+        error = "timed out" if node.hung else "" if node.fenced else _connect(ros, computer, node, places[node])
         if error:
             outcome = Outcome.NO_ANSWER if node.hung else CONNECTED.get(error, Outcome.UNKNOWN_NAME)
             silences.append(
@@ -53,8 +53,17 @@ def add(ros, computer, exchange):
         ),
         silent=(*exchange.silent, *(entry.node for entry in silences)),
         silences=(*exchange.silences, *silences),
+        unreached=tuple(_list_unreached(ros, robot, places)),
         announced=tuple(seen.AnnouncedHost(one.name, one.host, places[one], services=one.services) for one in odd),
     )
+
+
+def _list_unreached(ros, robot, places):
+    """The nodes of other robots that take no connections from here."""
+    for other, its in ros.state.robots.items():
+        for node in its.people if other != robot else ():
+            if node.fenced:
+                yield seen.UnreachedNode(node.name, node.host, places[node], "no answer", Outcome.NO_ANSWER)
 
 
 def _connect(ros, computer, node, port):

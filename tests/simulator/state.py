@@ -38,6 +38,7 @@ class Node:
     master: str = ""  # its roscore, where that is not the one of its robot
     registered: bool = True
     hung: bool = False
+    fenced: bool = False  # a packet filter drops what other computers send to its ports
 
 
 @dataclass(frozen=True)

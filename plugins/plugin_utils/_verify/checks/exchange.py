@@ -164,20 +164,20 @@ def _list_unreached(context: CheckContext) -> list[tuple[str, UnreachedNode]]:
     ]
 
 
-def _is_heard(context: CheckContext, computer: str) -> bool:
-    """Return True if the talker of the verification is heard from there, so other ports of that computer are open."""
+def _is_shut(context: CheckContext, computer: str) -> bool:
+    """Return True if the talker of the verification is not heard from there either, so that something else may be the reason."""
     topic = context.observer.topics.get(computer)
-    return topic is not None and topic.heard
+    return topic is not None and not topic.heard
 
 
 def _find_fences(context: CheckContext, unreached: Iterable[tuple[str, UnreachedNode]]) -> Parts:
-    """Find the rules that drop connections to these nodes, and the nodes to which no connection opens, though it does to others there."""
+    """Find the rules that drop connections to these nodes, and the nodes to which no connection opens, where no talker says the same."""
     parts: Parts = frozenset()
     for computer, entry in unreached:
         drop = context.state.filters.find_drop(context.observer.name, computer, "nodes", entry.port)
         if drop is not None:
             parts |= {drop}
-        elif _is_heard(context, computer):
+        elif not _is_shut(context, computer):
             parts |= make_parts("node", computer, "fenced", what=entry.node)
     return parts
 
