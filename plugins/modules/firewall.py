@@ -10,9 +10,9 @@ description:
   - Protects the TCP and UDP ports 1024 to 65535 of this computer, on which ROS listens, from everybody but O(members).
     On a gateway or router it protects those of the O(networks) behind it in the same way.
   - Where C(ufw) or C(firewalld) is active, it speaks to that one. Otherwise it has a table of its own in C(nftables), which is
-    replaced in one transaction, and a small unit that loads it at boot before the network is there. Rules of others stay.
+    replaced in one transaction, and a small unit that loads it at boot before the network is there. Foreign rules stay.
   - Ports below 1024, ICMP and IGMP are not touched but by O(guards), and neither are connections that are there already.
-    Ports of ssh are not touched either, so rules of others decide about them. These are the ports on which a server of ssh of
+    Ports of ssh are not touched either, so foreign rules decide about them. These are the ports on which a server of ssh of
     root listens, the port of this connection and O(ssh_ports).
   - Rules of ours that somebody has removed come back. With empty O(members) everything of ours is removed.
   - Where the controller comes by something else than ssh, on a port that would be closed, the module fails before anything changes.
@@ -79,7 +79,7 @@ options:
     default: auto
     choices:
       auto: The first that is active.
-      ufw: Rules of ufw with a comment of ours, above those of others.
+      ufw: Rules of ufw with a comment of ours, above foreign ones.
       firewalld: Two policies of firewalld (0.9 or later), which are asked before every zone.
       nftables: A table of our own.
   records:

@@ -100,7 +100,7 @@ EXAMPLES = r"""
       - {address: 192.168.1.229, names: [kobuki1computer]}
       - {address: 192.168.1.239, names: [kobuki2computer]}
 
-- name: Only warn when a line of somebody else gives another address
+- name: Only warn if a foreign line gives another address
   rosfleet.multimaster.hosts_entries:
     entries:
       - {address: 192.168.11.202, names: [tibi-monitor, tibi]}
@@ -149,7 +149,7 @@ entries:
       type: str
       sample: added
     ours:
-      description: V(true) if this module owns the line; V(false) if a line of somebody else has the binding already.
+      description: V(true) if this module owns the line; V(false) if a foreign line has the binding already.
       returned: always
       type: bool
       sample: true
@@ -207,7 +207,7 @@ removed:
       type: str
       sample: "192.168.1.230\tkobuki3computer # rosfleet.multimaster"
 replaced:
-  description: The loopback lines of somebody else from which managed names were removed, or which were restored.
+  description: The foreign loopback lines from which managed names were removed, or which were restored.
   returned: when the options are right
   type: list
   elements: dict
@@ -234,7 +234,7 @@ replaced:
       type: str
       sample: replaced
 conflicts:
-  description: The names that have another address in a line of somebody else.
+  description: The names that have another address in a foreign line.
   returned: when the options are right
   type: list
   elements: dict

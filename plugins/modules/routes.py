@@ -11,7 +11,7 @@ description:
     Both are one resource with one result per route.
   - A route takes the place of another one in one step, and a route that moves to another metric or table is added before
     the old one is removed, so that there is no moment without a route.
-  - Routes that somebody else made stay. One that is already as wanted is adopted, which means that it is brought back at boot,
+  - Foreign routes, made by a person or another program, stay. One that is already as wanted is adopted, which means that it is brought back at boot,
     and that it stays when it is no longer listed. One with the same destination, table and metric and another way
     is a conflict, see O(on_conflict). The routes that the kernel makes for the addresses of an interface are never replaced.
   - What this module made is recorded. A route that is no longer listed is taken back, so that an empty list takes back everything,
@@ -22,7 +22,7 @@ notes:
   - Routes of this module have C(proto static), as those of systemd-networkd and NetworkManager.
   - With C(ifupdown), the routes are in the hook C(/etc/network/if-up.d/rosfleet-multimaster), which C(ifup) runs.
   - With C(networkd), they are in a drop-in C(90-rosfleet-multimaster.conf) of the C(.network) file that configures the interface.
-    systemd-networkd is then restarted. By itself that would delete addresses, routes and rules of others, so files below C(/run/systemd)
+    systemd-networkd is then restarted. By itself that would delete foreign addresses, routes and rules, so files below C(/run/systemd)
     tell it to leave alone what it finds (C(KeepConfiguration=static), C(ManageForeignRoutes=no), C(ManageForeignRoutingPolicyRules=no)).
     They are in force until the next boot.
   - Before systemd 249, and where an interface of systemd-networkd has an address by DHCP or router advertisements, or may get one,
@@ -130,7 +130,7 @@ options:
     default: {}
   on_conflict:
     description:
-      - What to do when somebody else has made a route with the same destination, table and metric and another way, for example V(replace).
+      - What to do if there is a foreign route with the same destination, table and metric and another way, for example V(replace).
         A route from the configuration of systemd-networkd, NetworkManager or netplan is not replaced, since they would make both at boot.
     type: str
     default: fail
@@ -286,7 +286,7 @@ routes:
       sample: true
     state:
       description:
-        - V(ok) or V(changed), or why it is not made. V(conflict) means that somebody else has made another one in its place,
+        - V(ok) or V(changed), or why it is not made. V(conflict) means that a foreign one is in its place,
           V(refused) that the one in its place is never replaced.
       type: str
       returned: always
@@ -352,12 +352,12 @@ taken_back:
       description:
         - V(removed), V(restored) where the route came back that had been replaced, V(lost) where that one could not come back
           as the interfaces are now, V(gone) where it was no longer there,
-          or V(left) where somebody else has made another one in its place since.
+          or V(left) if a foreign one is in its place since.
       type: str
       returned: always
       sample: removed
 other_defaults:
-  description: Default routes that somebody else made, beside one that is listed; a lower metric than that of the listed one wins.
+  description: Foreign default routes beside one that is listed; a lower metric than that of the listed one wins.
   returned: always, unless an option is wrong
   type: list
   elements: dict

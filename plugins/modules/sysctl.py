@@ -8,14 +8,14 @@ short_description: Kernel settings, at run time and at boot
 version_added: "1.0.0"
 description:
   - Sets kernel settings now, through C(/proc/sys), and at boot, by a drop-in that this module owns whole.
-    It never changes somebody else's file.
+    It never changes a foreign file.
   - Computes which file decides every setting at boot, over all folders of V(sysctl.d) in the order in which they are read,
     C(/etc/sysctl.conf) where something reads it, ufw's own file, systemd-networkd and docker.
     A setting that would have another value after the next boot is a conflict, see O(on_conflict).
   - C(net/ipv4/ip_forward), C(-net.ipv4.ip_forward) and C(net.ipv4.ip_forward) are one key,
     and so is C(net.ipv4.conf.all.forwarding), which is another name of the same variable of the kernel.
   - The values from before are recorded. A setting that is no longer listed is taken back,
-    so that an empty list takes back everything. A value that somebody else has changed since then is left and named.
+    so that an empty list takes back everything. A value that was changed by hand since then is left and named.
   - Check mode asks the kernel what it makes of values below V(net), in an empty network namespace, and fails where the run would.
     Where that is not possible, as in most containers, a warning names the values that it cannot judge.
   - The kernel changes other keys beside some keys, for example those of every interface with C(net.ipv4.ip_forward),
@@ -58,7 +58,7 @@ options:
         default: false
       enough:
         description:
-          - Further values that serve as well, for example V(["1", "2"]). Where somebody else's file sets one of them at boot, that
+          - Further values that serve as well, for example V(["1", "2"]). If a foreign file sets one of them at boot, that
             one is taken in place of O(settings[].value), so the file decides, and is no conflict.
         type: list
         elements: raw
@@ -247,7 +247,7 @@ taken_back:
       sample: "1"
     state:
       description:
-        - V(restored) to the value from before, V(left) because somebody else has changed it since,
+        - V(restored) to the value from before, V(left) because it was changed by hand since,
           or V(missing) because the key is gone.
       type: str
       returned: always

@@ -146,7 +146,7 @@ class PortHolder(Struct):
 
 
 class ExportLine(Struct):
-    """A line of somebody else that sets a variable of ROS for shells."""
+    """A foreign line that sets a variable of ROS for shells."""
 
     file: str = field("The file; empty where a shell has the variable, and no line was found.", "/home/robot/.bashrc")
     line: int = field("The number of the line, 0 where none was found.", 118)
@@ -164,7 +164,7 @@ class ExportLine(Struct):
 
 
 class SetEnv(Struct):
-    """A line SetEnv of somebody else."""
+    """A foreign line SetEnv."""
 
     file: str = field("The file.", "/etc/ssh/sshd_config")
     line: int = field("The number of the line.", 7)

@@ -185,7 +185,7 @@ class Setting:
 
     name: str
     value: str
-    # Values that serve as well. A file of somebody else may keep them.
+    # Values that serve as well. A foreign file may keep them.
     enough: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
 
 

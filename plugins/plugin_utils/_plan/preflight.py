@@ -482,7 +482,7 @@ def _suggest_packages(chosen: Mapping[str, Any]) -> str:
     return advice.command(f" ({words})", *(("what", prefix + name) for name in names))
 
 
-# A process of others on a port of the plan: the port in words, the service that the plan has there, and the process.
+# A foreign process on a port of the plan: the port in words, the service that the plan has there, and the process.
 Holder = tuple[str, str, str]
 
 _REMEDIES = {

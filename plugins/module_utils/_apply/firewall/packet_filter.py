@@ -37,7 +37,7 @@ class PacketFilter(typing.NamedTuple):
     members: typing.Tuple[str, ...]  # addresses and networks, of IPv4 and of IPv6
     networks: typing.Tuple[str, ...]  # of IPv4; the computer itself is always protected
     open_ports: typing.Tuple[OpenPort, ...]
-    ssh: typing.Tuple[int, ...] = ()  # TCP ports that the filter does not touch: rules of others decide about them
+    ssh: typing.Tuple[int, ...] = ()  # TCP ports that the filter does not touch: foreign rules decide about them
     guards: typing.Tuple[Guard, ...] = ()
 
     def list_members(self, version: int) -> typing.List[str]:

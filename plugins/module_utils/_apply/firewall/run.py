@@ -111,7 +111,7 @@ class FirewallRun(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentences that prevent the plan: access that would be lost, changes of others, and files that cannot be written."""
+        """The sentences that prevent the plan: access that would be lost, foreign changes, and files that cannot be written."""
         sentences = [self.access.refusal(self.packet_filter)] if self.packet_filter else []
         sentences += [back_end.refusal() for back_end in self.back_ends if back_end.changes]
         sentences += writable.obstacles([*self.files.places, self.files.record.path]) if self.changed else []

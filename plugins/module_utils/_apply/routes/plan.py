@@ -160,7 +160,7 @@ def _ways(entry: RouteEntry) -> typing.Set[RouteSpec]:
 
 
 def _list_replaced(entry: RouteEntry, kernel_routes: Held) -> typing.Tuple[typing.Tuple[str, ...], ...]:
-    """The routes of others that come back when ours is no longer listed."""
+    """The foreign routes that come back when ours is no longer listed."""
     foreign = [kernel_route.words for kernel_route in kernel_routes if kernel_route.route.way not in _ways(entry)]
     ours = len(foreign) < len(kernel_routes)
     # Where our routes were all gone, the foreign routes have replaced those of the record.
@@ -171,7 +171,7 @@ def _list_replaced(entry: RouteEntry, kernel_routes: Held) -> typing.Tuple[typin
 def _judge(
     route: RouteSpec, kernel_routes: Held, foreign: Held, replace: bool
 ) -> typing.Tuple[str, typing.Optional[str]]:
-    """The state of a listed route and its sentence. It is conflict or refused where routes of others have its place."""
+    """The state of a listed route and its sentence. It is conflict or refused if foreign routes have its place."""
     name = format_route(route)
     connected = [kernel_route for kernel_route in kernel_routes if kernel_route.protocol == "kernel"]
     if connected:
@@ -181,13 +181,13 @@ def _judge(
         )
     if foreign and not replace:
         return "conflict", (
-            f"routes: {name}: somebody else has made {quote(foreign[0].text)}, expected no other way with this metric: correct it "
+            f"routes: {name}: the foreign route {quote(foreign[0].text)} is there, expected no other way with this metric: correct it "
             "there, give this one another metric, or set on_conflict to replace."
         )
     inexpressible = sorted({word for kernel_route in foreign for word in kernel_route.inexpressible})
     if inexpressible:
         return "refused", (
-            f"routes: {name}: somebody else's {quote(foreign[0].text)} has {', '.join(map(quote, inexpressible))}, which cannot be given back later, "
+            f"routes: {name}: the foreign route {quote(foreign[0].text)} has {', '.join(map(quote, inexpressible))}, which cannot be given back later, "
             "so it is not replaced: remove it by hand, or give this one another metric."
         )
     return "ok", None
@@ -293,13 +293,13 @@ def _join_words(argv: typing.Iterable[str]) -> str:
     return " ".join(shlex.quote(word) for word in argv)
 
 
-# Default routes of others
+# Foreign default routes
 
 
 def find_other_defaults(
     routes: typing.Iterable[RouteSpec], kernel_routes: typing.Iterable[KernelRoute]
 ) -> typing.List[KernelRoute]:
-    """The default routes of others beside a wanted one, in the same table. `kernel_routes`: those that stay."""
+    """The foreign default routes beside a wanted one, in the same table. `kernel_routes`: those that stay."""
     wanted = [route for route in routes if route.destination in DEFAULTS.values() and route.type == "unicast"]
     places = {(route.destination, route.table) for route in wanted}
     return [other for other in kernel_routes if (other.route.destination, other.route.table) in places]

@@ -37,7 +37,7 @@ _TAKEN_BACK = {
     "restored": "{after} is there again.",
     "lost": "{before} is removed; {after}, whose place it had, cannot be given back as the interfaces are now.",
     "gone": "The route to {destination} was no longer there.",
-    "left": "{before} is left: somebody else has made it in the place of ours.",
+    "left": "{before} is left: it is foreign, and in the place of ours.",
 }
 _SECOND_DEFAULT = (
     "There is a second default route, {text}, beside the listed one: the lower metric decides which is taken. "
@@ -197,7 +197,7 @@ class RoutesRun(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """One sentence for each route that conflicts with routes of others, and one where the right to change routes is missing."""
+        """One sentence for each route that conflicts with foreign routes, and one where the right to change routes is missing."""
         problems = [item["problem"] for item in self.items if item["problem"]]
         files = [place for places in self.boot.changes.values() for place in places if place.startswith("/")]
         locked = writable.obstacles([*map(self.machine.path, files), self.record.path]) if self.changed else []
@@ -248,7 +248,7 @@ class RoutesRun(ModuleRun):
 
     @property
     def foreign_defaults(self) -> typing.List[Data]:
-        """The default routes of others that stay beside ours."""
+        """The foreign default routes that stay beside ours."""
         staying = _flatten(
             {key: kernel_routes for key, kernel_routes in self.current.items() if key not in self.plan.after}
         )

@@ -24,7 +24,7 @@ from .record import Data
 
 _REMOVALS = {
     "restored": "{name} is {runtime_after} again.",
-    "left": "{name} is left at {runtime_after}: somebody else has changed it since this module set {expected}.",
+    "left": "{name} is left at {runtime_after}: it was changed by hand or another program since this module set {expected}.",
     "missing": "{name} is gone from this kernel, so there is nothing to take back.",
 }
 

@@ -389,7 +389,7 @@ class FolderPlan(typing.NamedTuple):
     before: typing.Set[str]  # those in the record that root alone can change
     made: typing.List[str]  # outermost first
     removed: typing.List[str]  # with byte-code caches, innermost first
-    kept: typing.List[str]  # needed no more, and with files of others
+    kept: typing.List[str]  # needed no more, and with foreign files
     owned: typing.List[str]  # from now on
     rubbish: typing.List[str]  # of an interrupted run, and byte code in owned folders whose source is gone
 

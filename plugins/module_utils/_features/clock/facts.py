@@ -83,7 +83,7 @@ def clock(root: str = "/") -> typing.Dict[str, typing.Any]:
 
 
 def _others(root: str, loaded: typing.Collection[str]) -> typing.Iterator[typing.Dict[str, str]]:
-    """Yield the configurations of somebody else, of the services that are there."""
+    """Yield the foreign configurations of the services that are there."""
     ours = os.path.exists(os.path.join(root, OURS[0][1:]))
     for dialect in DIALECTS:
         # While chrony reads our file, its own is nobody's but at the source, which includes it.

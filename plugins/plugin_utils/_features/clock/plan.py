@@ -136,7 +136,7 @@ def list_clock_warnings(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator
 
 
 def _advise(clock: Clock) -> str:
-    """Say what to do with a time service of somebody else."""
+    """Say what to do with a foreign time service."""
     if clock.server is None:
         return "let it answer the fleet as well, name another computer in multimaster_clock, or remove it and run site.yml again"
     return f"let it follow {clock.server}, or remove it and run site.yml again"

@@ -75,7 +75,7 @@ def list_tunnel_packages(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[s
 
 
 def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for somebody else's tunnel with the same address, and for a machine that can have no tunnel."""
+    """Yield a sentence for a foreign tunnel with the same address, and for a machine that can have no tunnel."""
     tunnel = Tunnel.find(plan)
     if tunnel is None:
         return

@@ -4,7 +4,7 @@
 """The contract of a back end: one program that filters packets.
 
 A back end is a file in this folder with a class BackEnd(contract.BackEnd), and a row in table.py. Its rules are lines of
-text in the words of the program. They are those of this collection only: rules of others are neither read nor touched.
+text in the words of the program. They are those of this collection only: foreign rules are neither read nor touched.
 For one run the module asks the class for is_active(): does the program filter the packets of this computer now? Then it
 makes a back end with the filter that it shall have, None where no rules are wanted. That asks itself for its rules:
 
@@ -15,7 +15,7 @@ The module calls, in this order:
 
     plan_files(filter)    only with a filter: which files of ours does the program read at boot?
     is_ready_for_boot()   is everything else right that the next boot needs?
-    refusal()             would a change of the rules lose something of others?
+    refusal()             why a change of the rules would lose something foreign, "" if it would not
     prepare()             before the files change
     load()                after the files have changed: make run time and boot as planned
     read_rules()          are they?

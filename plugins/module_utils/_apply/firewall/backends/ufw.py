@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""ufw: rules with our comment, above the rules of others, by ufw(8).
+"""ufw: rules with our comment, above foreign rules, by ufw(8).
 
 ufw keeps its rules in files that it writes itself. This file only reads them. One case is different: until a change
 under the dead-man's switch is confirmed, it restores them as they were. One that was not there goes again, after a
@@ -192,7 +192,7 @@ def _list_port_rules(
 ) -> typing.List[UfwRule]:
     """The rules for all senders: ports that stay open, and ports that are closed.
 
-    The rules of others decide about those of ssh.
+    Foreign rules decide about those of ssh.
     """
     opens = [(port.number, port.number) for port in packet_filter.open_ports if port.protocol == protocol]
     return [

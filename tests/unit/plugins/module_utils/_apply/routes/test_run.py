@@ -676,7 +676,7 @@ def test_a_route_of_others_with_options_comes_back_with_them(computer):
     computer.run()
     assert computer.routes() == [theirs]
     other = {"destination": "default", "gateway": "192.168.11.102"}
-    assert "somebody else has made" in computer.run(other)["msg"]
+    assert "the foreign route " in computer.run(other)["msg"]
     assert computer.run(other, on_conflict="replace")["changed"]
     computer.run()
     assert computer.routes() == [theirs]

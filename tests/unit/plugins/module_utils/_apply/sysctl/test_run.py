@@ -186,7 +186,7 @@ def test_a_value_of_somebody_else_is_left_and_named(machine):
     machine.hold(ip_forward="2")
     result = machine.run([])
     assert machine.value("ip_forward") == "2"
-    said = "net.ipv4.ip_forward is left at 2: somebody else has changed it since this module set 1."
+    said = "net.ipv4.ip_forward is left at 2: it was changed by hand or another program since this module set 1."
     assert said in result["msg"]
     assert said in json.dumps(result["warnings"])
     assert not machine.drop_in.exists()
