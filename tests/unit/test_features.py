@@ -38,10 +38,15 @@ for path in sorted(pathlib.Path("plugins").rglob("*.py")):
 
 def remove(root, feature):
     """Take a feature out of a copy of the tree: its folders, the files that Ansible wants at their places, and its rows."""
-    for folder in (*root.glob(f"plugins/*/_features/{feature.name}"), root / "roles" / feature.name):
-        shutil.rmtree(folder)
-    for folder in root.glob(f"tests/unit/plugins/*/_features/{feature.name}"):
-        shutil.rmtree(folder)
+    for tree in ("plugins", "tests/unit/plugins"):
+        for folder in (
+            *root.glob(f"{tree}/*/_features/{feature.name}"),
+            *(root / tree / room for room in feature.rooms),
+        ):
+            shutil.rmtree(folder)
+    if (root / "roles" / feature.name).exists():
+        shutil.rmtree(root / "roles" / feature.name)
+    remove_hooks(root, {pathlib.Path(room).name for room in feature.rooms})
     for file in feature.plugins:
         (root / "plugins" / file).unlink()
     table = root / "plugins/plugin_utils/_base/features.py"
@@ -56,6 +61,21 @@ def remove(root, feature):
         lines = table.read_text().splitlines(keepends=True)
         kept = [line for line in lines if not re.match(rf"from \.{feature.name}\.|    {name}\w*,$", line)]
         table.write_text("".join(kept))
+
+
+def remove_hooks(root, rooms):
+    """Take rooms out of the table of rooms, and what other features add to them."""
+    page = root / "plugins/plugin_utils/README.md"
+    lines = page.read_text().splitlines(keepends=True)
+    added = [line for line in lines if re.match(r"\| `\w+` \| `(\w+)` \|", line) and line.split("`")[3] in rooms]
+    page.write_text(
+        "".join(line for line in lines if line not in added and line.split("`")[1:2] not in [[room] for room in rooms])
+    )
+    table = root / "plugins/plugin_utils/_base/features.py"
+    for file in (line.split("`")[1] for line in added):
+        table.write_text(table.read_text().replace(f', "{file}"', ""))
+        for path in root.glob(f"**/_features/*/*{file}.py"):
+            path.unlink()
 
 
 @pytest.mark.slow

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The optional features of a fleet, one row each. A feature is the folder `_features/<name>`, and the core names it here alone.
+"""The optional features of a fleet, one row each. A feature is the folder `_features/<name>`, or a room of its own, and the core names it
+here alone.
 
 A room of the core asks with `load_hooks` for what the features add to it. Each feature that has a file of that name gives the object
 HOOKS of it. Such a file imports the rooms that the table in plugin_utils/README.md allows it, so no import runs in a circle.
@@ -25,6 +26,8 @@ class Feature:
 
     name: str  # of its folders and of its role
     hooks: tuple[str, ...]
+    # The rooms that are its own, below plugins, where it is large enough for one.
+    rooms: tuple[str, ...] = ()
     # The files of Ansible's plugins that are its own, below plugins.
     plugins: tuple[str, ...] = ()
     # The options of the module multimaster_computer that its role hands over, and its bundles in the lists among them.
@@ -49,6 +52,12 @@ FEATURES = (
         ),
         concern={"tunnel": ""},
         guarded="tunnel",
+    ),
+    Feature(
+        "adopt",
+        hooks=(),
+        rooms=("plugin_utils/_adopt",),
+        plugins=("action/fleet_adopt.py", "modules/fleet_adopt.py"),
     ),
 )
 
