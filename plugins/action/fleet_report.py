@@ -22,6 +22,11 @@ from ansible import constants
 from ansible.release import __version__ as ansible_version
 from ansible.utils.display import Display
 
+try:
+    from ansible._internal._datatag._tags import Origin  # ansible-core 2.19 and later
+except ImportError:
+    Origin = None
+
 from ..plugin_utils._base.plain import Mismatch
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines
 from ..plugin_utils._base.sentences import join_causes
@@ -29,7 +34,7 @@ from ..plugin_utils._bundle.archive import LARGEST, UnreadableBundle, unpack
 from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
-from ..plugin_utils._verify.checks.engine import FAILED
+from ..plugin_utils._verify.checks.engine import FAILED, Inventory
 from ..plugin_utils._verify.diagnose.explanation import UnknownFinding, choose_findings, write_explanation
 from ..plugin_utils._verify.report import history, terminal
 from ..plugin_utils._verify.report.judgement import FleetJudgement, judge_run, make_document
@@ -64,7 +69,7 @@ class ActionModule(FleetAction):
             run = (
                 open_bundle(bundle)
                 if bundle
-                else replace(read_run(args, task_vars), inventory=name_inventory(task_vars))
+                else replace(read_run(args, task_vars), inventory=describe_inventory(task_vars))
             )
             place = os.path.abspath(bundle) if bundle else str(task_vars.get("inventory_dir") or "")
             return self._report(run, place, live=not bundle)
@@ -164,6 +169,31 @@ def read_run(options: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Run:
         return gather_run(options, task_vars["hostvars"], task_vars["ansible_play_hosts_all"], about)
     except Mismatch as problem:
         raise Mismatch(f"The plan of the fleet cannot be read: {problem}") from None
+
+
+def describe_inventory(task_vars: Mapping[str, Any]) -> Inventory:
+    """Describe the inventory of this run."""
+    hostvars, groups = task_vars["hostvars"], task_vars.get("groups") or {}
+
+    def find_line(place: str, variable: str) -> str:
+        names = [place] if place in hostvars else list(groups.get(place) or ())[:1]  # of a robot: its first computer
+        values = (raw.get(variable) for name in names if (raw := read_raw(hostvars, name)))
+        return next((line for value in values if (line := find_origin(value))), "")
+
+    return Inventory(name_inventory(task_vars), find_line)
+
+
+def read_raw(hostvars: Any, name: str) -> Mapping[str, Any]:
+    """Read the variables of a host as they stand in the inventory; nothing where they cannot be had so."""
+    found: Any = getattr(hostvars, "raw_get", lambda _name: {})(name)
+    return found if isinstance(found, Mapping) else {}
+
+
+def find_origin(value: object) -> str:
+    """Return the file and line of a value of the inventory; empty where Ansible does not know it."""
+    origin = Origin.get_tag(value) if Origin else None
+    path, line = (origin.path, origin.line_num) if origin else (getattr(value, "ansible_pos", None) or (None, None))[:2]
+    return f"{min(str(path), os.path.relpath(str(path)), key=len)}, line {line}" if path and line else ""
 
 
 def name_inventory(task_vars: Mapping[str, Any]) -> str:

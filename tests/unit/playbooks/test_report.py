@@ -71,9 +71,10 @@ def test_all_is_well(tmp_path):
 
 
 def test_what_is_wrong_is_told_and_nothing_of_the_bundle_is_run(tmp_path):
-    status, output = played(tmp_path, jinja, "-e", "bundle_report=found.json")
+    status, output = played(tmp_path, jinja, "-e", "bundle_report=found.json explain=all")
     assert status == 2 and "has 2 default routes" in output or "default route" in output, output
     assert json.loads((tmp_path / "found.json").read_text())["verdict"] == "failed"
+    assert "Finding 1, RF-" in output and "decided by: rule 3 of 10, value:" in output
     assert "lookup(" in output and not list(tmp_path.glob("**/run"))
 
 

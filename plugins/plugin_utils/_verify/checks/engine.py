@@ -59,6 +59,20 @@ class Judgement(NamedTuple):
     outcome: Outcome = Outcome.NOT_TRIED
 
 
+def _find_nowhere(_place: str, _variable: str) -> str:
+    return ""
+
+
+class Inventory(NamedTuple):
+    """The inventory of a run: as a command has it, and the file and line of a variable of a computer or robot."""
+
+    path: str = ""  # empty where it is not known
+    find_line: Callable[[str, str], str] = _find_nowhere  # place, variable -> "file, line 3"; empty where it is not set
+
+
+UNKNOWN_INVENTORY = Inventory()
+
+
 def judge_fault(verdict: str, expected: str, found: str, fine: str, broken: Parts = frozenset()) -> Judgement:
     """Judge what was found: an empty text is no fault, and `fine` says so."""
     return Judgement(verdict, expected, found, broken) if found else Judgement(OK, expected, fine)
@@ -112,7 +126,7 @@ class Verification:
     """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run.
 
     `pairs` chooses the pairs: `all`, or `auto`; see `pairs.choose_pairs`. `least` and `since_last` are those of FleetState.
-    `inventory` is for commands that people paste.
+    `inventory` is for what people are told to do.
     """
 
     def __init__(
@@ -123,7 +137,7 @@ class Verification:
         pairs: str = ALL,
         least: float = 0.0,
         since_last: float = 0.0,
-        inventory: str = "",
+        inventory: Inventory = UNKNOWN_INVENTORY,
     ) -> None:
         self.inventory = inventory
         self.checks = {check.id: check for check in checks}

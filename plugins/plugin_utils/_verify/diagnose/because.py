@@ -138,8 +138,13 @@ def _weigh_rivals(scene: Scene, entry: Finding, rows: Sequence[Row]) -> list[Wei
     others = [part for part in counts if (part.kind, part.places, part.mode) not in own]
     chosen = [part for part in entry.rivals if part in others]
     order = sorted(others, key=lambda part: (-counts[part], part.fault.cost, part))
-    kinds = {(part.kind, part.mode): part for part in reversed(order)}  # one of each kind first
-    kept = list(dict.fromkeys((*chosen, *(part for part in order if part in kinds.values()), *order)))[:RIVALS]
+    kinds = {(part.kind, part.mode): part for part in reversed(order)}.values()  # one of each kind first
+    places = {(part.kind, part.mode, part.places): part for part in reversed(order)}.values()  # then one of each place
+    kept = list(
+        dict.fromkeys(
+            (*chosen, *(part for part in order if part in kinds), *(part for part in order if part in places))
+        )
+    )[:RIVALS]
     return [_weigh_rival(scene, entry, part, counts[part], rows) for part in kept]
 
 

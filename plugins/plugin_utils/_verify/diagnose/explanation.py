@@ -18,7 +18,7 @@ MOST = 10  # lines of an explanation
 SHOWN = 2  # rows that have shown it
 NAMED = 4  # checks of explained rows
 ALL = "all"
-TABLE, RULES = "plugin_utils/_faults", "_verify/diagnose/rules.py"
+TABLE, RULES = "_faults", "diagnose/rules.py"
 REASONS: Mapping[str, str] = {
     evidence.SUCCESS: "cleared by a success: {row}",
     evidence.GOOD_VALUE: "cleared by a value: it was read there, and is as planned",
@@ -118,4 +118,4 @@ def _name_row(row: Mapping[str, Any]) -> str:
 def _name_files(entry: Mapping[str, Any]) -> str:
     """Name the files that decide, for who corrects a finding."""
     judges = dict.fromkeys(one["source"] for one in entry["because"]["shown_by"] if one["source"])
-    return f"the checks are in {', '.join(judges) or '_verify/checks'}, {entry['id']} in {TABLE}, the rule in {RULES}"
+    return f"see {', '.join(judges) or 'checks'}, {entry['id']} in {TABLE}, and {RULES}"

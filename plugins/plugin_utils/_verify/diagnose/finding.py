@@ -5,15 +5,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 from ..._base.sentences import shorten_list
-from ..._faults.fault import CONTROLLER, INVENTORY, Advices
-from ..checks.engine import FAILED, Row
+from ..._faults.fault import CONTROLLER, INVENTORY, Advice, Advices
+from ..checks.engine import FAILED, UNKNOWN_INVENTORY, Inventory, Row
 from ..components.parts import Component
 from ..trace.findings import SeenEnd
 from .evidence import INFERRED, LOCATED, SEEN, Because
 
+VARIABLE = re.compile(r"\bmultimaster_\w+")
 NAMED = 4  # names, networks and the like that a finding names
 
 
@@ -34,7 +36,7 @@ class Finding:
     because: Because | None = None
     since: str = ""  # empty where it is not known
     commands: Advices = ()  # that mend it, where what was read gives some
-    inventory: str = ""  # of the run, for commands; empty where it is not known
+    inventory: Inventory = field(default=UNKNOWN_INVENTORY, compare=False)
 
     @property
     def sure(self) -> str:
@@ -62,7 +64,7 @@ class Finding:
         """Say what to do: what was read gives the commands, and the row what lasts. Nothing where it is only inferred."""
         if self.sure == INFERRED:
             return ()
-        own = self.part.do(self.inventory)
+        own = tuple(map(self._add_line, self.part.do(self.inventory.path)))
         if not self.commands:
             return own
         if (
@@ -71,11 +73,20 @@ class Finding:
             return self.commands
         return (*self.commands, *(one for one in own if one.where in (CONTROLLER, INVENTORY)))
 
+    def _add_line(self, one: Advice) -> Advice:
+        """Add to a change of the inventory where its variables are set now."""
+        names = VARIABLE.findall(one.text) if one.where == INVENTORY else ()
+        found = ((name, self.inventory.find_line(place, name)) for name in names for place in self.part.places)
+        lines = dict.fromkeys(f"{name} is in {line}" for name, line in found if line)
+        return one._replace(effect="; ".join(filter(None, (one.effect, *lines))))
+
     @property
     def look(self) -> Advices:
         """Say what to look at if that does not help, or to tell the candidates apart."""
         ways = (one for end in self.followed[:1] for one in end.look) if self.part.kind == "way" else ()
-        return tuple(dict.fromkeys((*ways, *(one for part in self.candidates for one in part.look(self.inventory)))))
+        return tuple(
+            dict.fromkeys((*ways, *(one for part in self.candidates for one in part.look(self.inventory.path))))
+        )
 
 
 @dataclass(frozen=True)

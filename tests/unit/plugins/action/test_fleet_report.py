@@ -113,6 +113,34 @@ def test_commands_have_the_inventory_of_the_run(shown):
     assert "-i hosts.yml rosfleet.multimaster.site --limit tibi-nav" in finding["do"][0]["text"]
 
 
+class Placed(str):
+    """A value of the inventory, as ansible-core before 2.19 has it."""
+
+    ansible_pos = ("/fleet/group_vars/tibi.yml", 12, 3)
+
+
+def test_a_change_of_the_inventory_names_the_file_and_the_line(monkeypatch):
+    monkeypatch.chdir("/")
+    assert fleet_report.find_origin(Placed("networks")) == "fleet/group_vars/tibi.yml, line 12"
+    assert fleet_report.find_origin("networks") == fleet_report.find_origin(None) == ""
+    if fleet_report.Origin:
+        value = fleet_report.Origin(path="/fleet/hosts.yml", line_num=3).tag("networks")
+        assert fleet_report.find_origin(value) == "fleet/hosts.yml, line 3"
+
+
+def test_where_a_variable_is_set_is_found_by_host_or_robot():
+    class HostVars(dict):
+        def raw_get(self, name):
+            return self[name]
+
+    found = HostVars({"tibi-nav": {"multimaster_routes": Placed("networks")}})
+    inventory = fleet_report.describe_inventory({"hostvars": found, "groups": {"tibi": ["tibi-nav"]}})
+    assert inventory.path == ""
+    for place in ("tibi-nav", "tibi"):
+        assert inventory.find_line(place, "multimaster_routes").endswith("group_vars/tibi.yml, line 12")
+    assert inventory.find_line("dabo", "multimaster_routes") == inventory.find_line("tibi", "multimaster_x") == ""
+
+
 def test_more_is_told_with_v(shown, monkeypatch):
     monkeypatch.setattr(fleet_report.Display(), "verbosity", 1)
     judge()

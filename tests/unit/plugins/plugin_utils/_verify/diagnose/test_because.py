@@ -98,4 +98,4 @@ def test_a_finding_and_its_data_do_not_depend_on_the_question(trials):
 
 def test_no_finding_no_reason():
     fleet = fig12()
-    assert not content.list_findings(diagnosed(None, fleet)) and Verification(CHECKS, fleet, {}).inventory == ""
+    assert not content.list_findings(diagnosed(None, fleet)) and Verification(CHECKS, fleet, {}).inventory.path == ""
