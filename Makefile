@@ -76,7 +76,7 @@ test-long: bench-site ## what takes too long for 'make test': losses of minutes,
 test-machines: lab-vm ## what depends on a kernel and udev, in virtual machines of Debian 12 and 13 (half an hour; needs root, no KVM; nothing should run beside it)
 	@$(PYTHON) tools/test.py machines
 
-test-faults: lab-tests ## the catalogue of faults on real systems, and its table in docs/operate/verification.md (an hour); FUZZ=200 SEED=1: drawn ones
+test-faults: lab-tests ## the catalogue of faults on real systems, and its table in tests/evidence/faults.md (an hour); FUZZ=200 SEED=1: drawn ones
 	@$(if $(FUZZ),$(PYTHON) tests/faults/fuzz.py --number $(FUZZ) --seed $(or $(SEED),1) --labs 3,$(PYTHON) tools/test.py faults)
 
 test-interop: checkout lab-tests ## the bundled nodes with those of multimaster_fkie 1.3.2 (FKIE=checkout), or of fkie_mas 5.7.0 (MAS=checkout)

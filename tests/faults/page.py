@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The table of the catalogue in docs/operate/verification.md, between two marks."""
+"""The table of the catalogue in tests/evidence/faults.md, between two marks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from catalogue import Fault
 from kept import Row
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "operate" / "verification.md"
+PAGE = Path(__file__).resolve().parents[2] / "tests" / "evidence" / "faults.md"
 BEGIN = "<!-- faults: written by `make test-faults` -->"
 UNTRIED = "not tried"
 END = "<!-- end of faults -->"

@@ -5,7 +5,7 @@
 
     python tests/faults/run.py [--only NAME]... [--quick] [--resume] [--remedy] [--record FOLDER] [--page]
 
-`make test-faults` runs all of it and writes the table of docs/operate/verification.md. What came of each fault is kept below .work, so
+`make test-faults` runs all of it and writes the table of tests/evidence/faults.md. What came of each fault is kept below .work, so
 that a long run may be made of short ones: `--resume` leaves out what has a result, and `--page` writes the table of what is kept.
 `--remedy` also pastes the command of what is named first, as a person would, and verifies again.
 """
@@ -266,7 +266,7 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
         "--record", metavar="FOLDER", type=Path, help="keep the plan and the observations of each fault"
     )
     parser.add_argument("--lab", metavar="NAME", default=NAME, help="the name of the lab, for two runs side by side")
-    parser.add_argument("--page", action="store_true", help="write the table into docs/operate/verification.md")
+    parser.add_argument("--page", action="store_true", help="write the table into tests/evidence/faults.md")
     return parser.parse_args(words)
 
 
