@@ -6,17 +6,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from ansible.errors import AnsibleError
 from ansible.module_utils.common.arg_spec import ArgumentSpecValidator
 
 from ..plugin_utils._base.plain import to_plain
-from ..plugin_utils._inventory import read, roles, variables
+from ..plugin_utils._inventory import places, read, roles, variables
 from ..plugin_utils._inventory.model import Inventory
 from ..plugin_utils._inventory.rows import PREFIX
 from ..plugin_utils._plan.plan import fleet_plan
 from ..plugin_utils._robot_io.refusal import FleetAction, refuse
+
+MOST_GROUPS = 500  # groups and files of them that are looked at, to name the right one
+LARGEST = 1 << 20  # bytes of a file
 
 
 class ActionModule(FleetAction):
@@ -34,7 +38,7 @@ class ActionModule(FleetAction):
         except read.InventoryProblems as error:
             problems = [*error.problems, *problems]
         if problems:
-            return refuse(problems)
+            return refuse(name_places(problems, task_vars, args.get("group", "robots")))
         return {
             "msg": f"{len(plan.masters)} robots with {len(plan.members)} computers on {plan.common_network}",
             **to_plain(plan),
@@ -64,6 +68,42 @@ def read_inventory(task_vars: Mapping[str, Any], group: str, router_group: str) 
             str(child.name): {str(part.name): _host_names(part) for part in child.child_groups} for child in children
         },
     )
+
+
+def name_places(problems: list[str], task_vars: Mapping[str, Any], group: str) -> list[str]:
+    """Name in each problem the file of the inventory that has its variable: it may be that of a group above the robot."""
+    hostvars = task_vars["hostvars"]
+    root = hostvars._inventory.groups.get(group)
+    hosts = [(host, str(child.name)) for child in (root.child_groups if root else ()) for host in child.get_hosts()]
+    members = {
+        str(host.name): places.Member(robot, sorted(str(one.name) for one in host.get_groups()))
+        for host, robot in hosts[:MOST_GROUPS]
+    }
+    folders = {
+        str(values[key])
+        for host in members
+        for values in [hostvars[host]]
+        for key in ("inventory_dir", "playbook_dir")
+        if values.get(key)
+    }
+    named = sorted({name for member in members.values() for name in (member.robot, *member.groups)})
+    return places.name_files(problems, members, {name: _read_files(folders, name) for name in named[:MOST_GROUPS]})
+
+
+def _read_files(folders: Iterable[str], group: str) -> dict[str, str]:
+    """Read the files with the variables of a group: their names in the inventory, with their texts."""
+    found = {}
+    for folder in sorted(folders):
+        base = Path(folder) / "group_vars"
+        paths = [base / f"{group}{ending}" for ending in ("", ".yml", ".yaml", ".json")]
+        paths += sorted((base / group).glob("*"))[:MOST_GROUPS] if (base / group).is_dir() else []
+        for path in paths:
+            try:
+                if path.is_file() and path.stat().st_size <= LARGEST:
+                    found[f"group_vars/{path.relative_to(base)}"] = path.read_text(encoding="utf-8")
+            except (OSError, ValueError):  # one that cannot be read is Ansible's to complain of
+                continue
+    return found
 
 
 def _host_names(group: Any) -> list[str]:

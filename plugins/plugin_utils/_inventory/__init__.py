@@ -8,6 +8,7 @@ __all__ = (
     "flows",
     "kinds",
     "model",
+    "places",
     "read",
     "roles",
     "rows",

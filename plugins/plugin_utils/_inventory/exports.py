@@ -254,7 +254,9 @@ def _read_relay(entry: Mapping[Any, Any]) -> dict[str, Any]:
     if not isinstance(newest, bool):
         raise UnexpectedValue(f"true or false at 'newest', but there is '{newest}'")
     if "frames" in entry and (not isinstance(frames, str) or not _PREFIX.fullmatch(frames)):
-        raise UnexpectedValue(f"a prefix that ends with / or _, such as kobuki1/, at 'frames', but there is '{frames}'")
+        raise UnexpectedValue(
+            f"a prefix without a leading / that ends with / or _, such as robot1/, at 'frames', but there is '{frames}'"
+        )
     whole = _read_types(entry["whole"], "rate" in entry) if "whole" in entry else ()
     return {"namespace": str(namespace), "rate": float(rate), "newest": newest, "frames": str(frames), "whole": whole}
 
