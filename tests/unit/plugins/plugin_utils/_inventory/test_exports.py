@@ -174,7 +174,7 @@ def test_a_declaration_is_read():
         ([{"services": ["/reset"], "rate": 5}], "rate newest frames"),
         ([{"parameters": ["/a"], "rate": 1}], "own entry"),
         ([{"services": ["/a"], "as": "/b", "frames": "b/"}], "own entry"),
-        ([{"topics": ["/tf"], "frames": "kobuki1"}], "/ _ kobuki1/ frames"),
+        ([{"topics": ["/tf"], "frames": "kobuki1"}], "/ _ robot1/ frames"),
         ([{"topics": ["/tf"], "frames": "a//"}], "frames a//"),
         ([{"topics": ["/tf"], "frames": None}], "frames None"),
         ([{"parameters": ["/a"], "as": "/rosdistro"}], "/rosdistro/a roscore"),
