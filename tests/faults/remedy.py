@@ -23,14 +23,20 @@ GAP = re.compile(r"<\w[^>]*>")  # what a person fills in
 
 
 def steps(do: Iterable[Mapping[str, str]]) -> tuple[Step, ...]:
-    """Read the commands of what is to be done; none where it is words alone."""
-    found = []
-    for one in do:
-        if "rosfleet.multimaster.site" in one["text"]:
-            found.append(Step(CONTROLLER, SITE))
-        elif COMPUTER.fullmatch(one["where"]) and not GAP.search(one["text"]):
-            found.append(Step(one["where"], one["text"]))
-    return tuple(found)
+    """Read the commands of what is to be done, up to the first step that is none: what follows needs it."""
+    steps_read = []
+    for step in map(_read_step, do):
+        if step is None:
+            break
+        steps_read.append(step)
+    return tuple(steps_read)
+
+
+def _read_step(one: Mapping[str, str]) -> Step | None:
+    if "rosfleet.multimaster.site" in one["text"]:
+        return Step(CONTROLLER, SITE)
+    is_command = COMPUTER.fullmatch(one["where"]) and not GAP.search(one["text"])
+    return Step(one["where"], one["text"]) if is_command else None
 
 
 def result(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:

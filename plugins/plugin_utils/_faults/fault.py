@@ -78,6 +78,11 @@ def site(effect: str = "", *options: str) -> Advice:
     return controller(f"ansible-playbook -i {{inventory}} rosfleet.multimaster.site{{limit}}{more}", effect)
 
 
+def site_of_all(effect: str = "") -> Advice:
+    """Advise a run of site.yml on all computers."""
+    return controller("ansible-playbook -i {inventory} rosfleet.multimaster.site", effect)
+
+
 class Fault(NamedTuple):
     """How a part of a kind may be broken: its id, a sentence, what to do, and what to look at if that does not help.
 

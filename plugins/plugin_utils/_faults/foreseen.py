@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import Advice, Fault, Key, change, hand, on
+from .fault import Advice, Fault, Key, change, hand, on, site_of_all
 
 PREDICTED, WATCHED = "predicted", "watched"
 _PLAN = "the plan was followed, hop by hop"
@@ -22,7 +22,10 @@ def _predict(number: int, sentence: str, *do: Advice, look: str = "ip rule; ip r
 #: by the outcome of a trace of the model of the network
 PREDICTIONS: Mapping[Key, Fault] = {
     (PREDICTED, "no route"): _predict(
-        1, "{place} has no route to {what}", change("multimaster_routes: default or networks, for the robot of {place}")
+        1,
+        "{place} has no route to {what}",
+        change("set multimaster_routes: default or networks, for the robot of {place}"),
+        site_of_all(),
     ),
     (PREDICTED, "closed"): _predict(
         2,
@@ -39,7 +42,8 @@ PREDICTIONS: Mapping[Key, Fault] = {
     (PREDICTED, "nobody"): _predict(
         4,
         "{place} sends what is for {what} to {hop}, where nobody answers",
-        change("multimaster_gateway or multimaster_address has the address of the machine that is to answer"),
+        change("set multimaster_gateway or multimaster_address to the address of the machine that is to answer"),
+        site_of_all(),
         look="ip route; ip neighbour",
     ),
     (PREDICTED, "off"): _predict(5, "{place} is off", hand("switch {place} on"), look="ip -br address"),
@@ -154,7 +158,8 @@ SUMMARIES: Mapping[Key, Fault] = {
         "A switch with IGMP snooping and without a querier forgets a group after about 260 s.",
         do=(
             hand("switch IGMP snooping off on the switch, or a querier on"),
-            change("multimaster_transport: both", "run site.yml then"),
+            change("set multimaster_transport: both", "robots also find each other without the group"),
+            site_of_all(),
         ),
         look=(Advice("any computer of the fleet", "timeout 10 tcpdump -n -i any igmp"),),
         why="several computers lose several masters at once",

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .computer import ADDRESSES
-from .fault import ALWAYS, READ, Advice, Advices, Fault, Key, change, controller, hand, on, site
+from .fault import ALWAYS, READ, Advice, Advices, Fault, Key, change, controller, hand, on, site, site_of_all
 
 CLOUD = "writes /etc/hosts, and keeps cloud-init from writing the line again at boot"
 THERE = "a computer there"  # any computer of a network
@@ -51,7 +51,7 @@ NAMES: Mapping[Key, Fault] = {
         "RF-206",
         "on {place} root alone can look up {what}: the rights of /etc/hosts or /etc/nsswitch.conf",
         do=(on("chmod 644 /etc/hosts /etc/nsswitch.conf"),),
-        look=(on("ls -l /etc/hosts /etc/nsswitch.conf; runuser -u nobody -- getent ahostsv4 {what}"),),
+        look=(on("ls -l /etc/hosts /etc/nsswitch.conf; runuser -u nobody -- getent ahostsv4 $(hostname)"),),
         what="names",
         read=READ,
         why="a user without rights gets another answer than root",
@@ -76,9 +76,8 @@ INTERFACES: Mapping[Key, Fault] = {
         "RF-211",
         "{place} has not the address of the plan, or packets leave from another one",
         do=(
-            change(
-                "multimaster_address of {place} is the address that the look shows; then run site.yml on all robots"
-            ),
+            change("set multimaster_address of {place} to the address that the look shows"),
+            site_of_all(),
             hand(
                 "or give the interface of {place} the planned address in its network manager, or a reservation in DHCP"
             ),
@@ -136,7 +135,8 @@ INTERFACES: Mapping[Key, Fault] = {
                 "give that interface of {place} a network of its own (docker: bip in /etc/docker/daemon.json; libvirt: virsh net-edit; VPN, "
                 "hotspot: their configuration)"
             ),
-            change("or that robot has another multimaster_network and addresses; run site.yml then"),
+            change("or give that robot another multimaster_network, and addresses in it"),
+            site_of_all(),
         ),
         look=(on("ip -4 -br address; ip route show table all"),),
         what="see ip address",
@@ -148,7 +148,9 @@ INTERFACES: Mapping[Key, Fault] = {
         "multicast of {place} leaves, or comes in, by another interface than planned",
         do=(
             site("gives discovery the planned interface"),
-            change("multimaster_common_address or multimaster_address of {place} is on the right interface"),
+            change(
+                "or set multimaster_common_address or multimaster_address of {place} to an address of the right interface"
+            ),
         ),
         look=(on("ip route get {what}; ip maddress"),),
         what="<group>",
@@ -309,10 +311,8 @@ LINKS: Mapping[Key, Fault] = {
         "{place} does not carry the multicast group: IGMP snooping without a querier, or an access point that drops multicast",
         do=(
             hand("switch IGMP snooping off on the switch of {place}, or a querier on"),
-            change(
-                "multimaster_transport: both",
-                "robots also find each other without the group; run site.yml on all robots then",
-            ),
+            change("set multimaster_transport: both", "robots also find each other without the group"),
+            site_of_all(),
         ),
         look=(Advice(THERE, "timeout 10 tcpdump -n -i any -c 10 udp port 11511"),),
         cost=2.5,

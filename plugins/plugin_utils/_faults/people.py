@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import ALWAYS, READ, Advice, Advices, Fault, Key, change, hand, on, site
+from .fault import ALWAYS, READ, Advice, Advices, Fault, Key, change, hand, on, site, site_of_all
 from .filters import MAKERS, RULES
 
 START_AGAIN = hand(
@@ -58,7 +58,8 @@ NODES: Mapping[Key, Fault] = {
         "on {place} {what}, which is no address of its robot: an old one, or that of another computer; so other robots do not take it",
         "a node announces another address",
         START_AGAIN,
-        change("the address of a laptop belongs into multimaster_allow; run site.yml then"),
+        change("or add the address to multimaster_allow, if it is that of a laptop"),
+        site_of_all(),
     ),
     ("node", "interface"): _node(
         3,
@@ -115,7 +116,8 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         "one name, two nodes on {place}: {what}; a roscore holds one of them",
         do=(
             hand("give one of them another name: __name:=... or a namespace of its robot, in its launch file"),
-            change("or leave it out by multimaster_exports or multimaster_filters, and run site.yml"),
+            change("or leave it out by multimaster_exports or multimaster_filters"),
+            site_of_all(),
         ),
         look=(Advice(MASTERS, "rosnode list"),),
         what="see rosnode list",
@@ -182,8 +184,9 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         do=(
             hand("give one of the two nodes a namespace of its robot: <group ns=...> in its launch file, or __ns:=..."),
             change(
-                "or leave the topic out by multimaster_exports or multimaster_filters; if it is meant, its whole name is in the multimaster_exports of both"
+                "or leave the topic out by multimaster_exports or multimaster_filters; if it is meant, write its whole name into the multimaster_exports of both"
             ),
+            site_of_all(),
         ),
         look=(Advice(MASTERS, "rostopic info <topic>"),),
         what="see rostopic info",
@@ -194,7 +197,8 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         "ros1_bridge runs on {place}, and messages go round in a circle by both bridges: {what}",
         do=(
             hand("run one bridge for both robots, or give the bridged topics a namespace of each robot"),
-            change("or leave them out by multimaster_exports or multimaster_filters, and run site.yml"),
+            change("or leave them out by multimaster_exports or multimaster_filters"),
+            site_of_all(),
         ),
         look=(Advice(MASTERS, "rosnode info <bridge>"),),
         what="see rosnode info",
@@ -211,8 +215,9 @@ REGISTRATIONS: Mapping[Key, Fault] = {
                 "or true on all of them, before their nodes start",
             ),
             change(
-                "or multimaster_exports or multimaster_filters leave out /clock and what the simulation publishes; run site.yml then"
+                "or leave /clock and what the simulation publishes out by multimaster_exports or multimaster_filters"
             ),
+            site_of_all(),
         ),
         look=(on("rosparam get /use_sim_time; rostopic info /clock"),),
         what="see /use_sim_time",
@@ -234,10 +239,9 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         "RF-541",
         "{what} at {place} is no computer of the inventory, and uses the group and port of this fleet",
         do=(
-            change(
-                "{place} is in multimaster_allow, or a computer of the inventory, if it is one of yours; run site.yml then"
-            ),
-            change("or another multimaster_multicast_group or multimaster_multicast_port for this fleet"),
+            change("add {place} to multimaster_allow, or its computer to the inventory, if it is one of yours"),
+            change("or set another multimaster_multicast_group or multimaster_multicast_port for this fleet"),
+            site_of_all(),
         ),
         look=(Advice("a computer of the fleet", "ip neighbour show {place}"),),
         what="somebody",

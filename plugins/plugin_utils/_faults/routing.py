@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .computer import ROUTES
-from .fault import ALWAYS, READ, Advice, Fault, Key, change, hand, on, site
+from .fault import ALWAYS, READ, Advice, Fault, Key, change, hand, on, site, site_of_all
 
 ALL_ROUTES = on("ip rule; ip route show table all")
 MAKERS = on(
@@ -61,9 +61,9 @@ ROUTING: Mapping[Key, Fault] = {
                 "delete the one that does not lead to the other networks, on {place}: ip route del default via <gateway>"
             ),
             change(
-                "multimaster_routes: networks",
-                "for this robot: only the robots' networks go by the gateway; run site.yml then",
+                "set multimaster_routes: networks for this robot", "only the robots' networks go by the gateway then"
             ),
+            site_of_all(),
         ),
         look=(ROUTES,),
         cost=2.5,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import ALWAYS, READ, Advice, Fault, Key, change, hand, on, site
+from .fault import ALWAYS, READ, Advice, Fault, Key, change, hand, on, site, site_of_all
 
 DISCOVERY = on("systemctl status multimaster-discovery; journalctl -b -n 50 -u multimaster-discovery")
 SYNC = on("systemctl status multimaster-sync; journalctl -b -n 50 -u multimaster-sync")
@@ -33,7 +33,8 @@ ROSCORES: Mapping[Key, Fault] = {
         "the roscore on the sealed computer {place} {what}",
         do=(
             hand("switch {place} on, and see that its system starts the roscore"),
-            change("multimaster_sealed has the address of {place} and all its names"),
+            change("set multimaster_sealed to the address of {place} and all its names"),
+            site_of_all(),
         ),
         look=(Advice("its companion", "ping -c 2 {place}; ROS_MASTER_URI=http://{place}:11311 rosnode list"),),
         cost=1.5,
@@ -84,7 +85,7 @@ DISCOVERIES: Mapping[Key, Fault] = {
     ("discovery", "group"): Fault(
         "RF-413",
         "the discovery node of {place} uses another group or port than the others",
-        do=(site("gives all one group and port"),),
+        do=(site_of_all("gives all one group and port"),),
         look=(on("ss -lunp | grep python; rosparam get /master_discovery"), DISCOVERY),
         cost=2.8,
         why="the plan gives it to all alike",
@@ -144,7 +145,10 @@ SYNCS: Mapping[Key, Fault] = {
     ("sync", "limit"): Fault(
         "RF-424",
         "{what} offers more than the 5000 registrations that the sync node of {place} takes of one master",
-        do=(change("multimaster_exports or multimaster_filters leave out what nobody needs; then run site.yml"),),
+        do=(
+            change("leave out what nobody needs, by multimaster_exports or multimaster_filters"),
+            site_of_all(),
+        ),
         look=(SYNC,),
         what="a master",
         why="few robots have so many topics",
@@ -278,7 +282,8 @@ EXCHANGE: Mapping[Key, Fault] = {
                 "rosparam delete {what}",
                 "if it has a value of its own; sync brings the other one",
             ),
-            change("or take the name out of multimaster_exports, and run site.yml"),
+            change("or take the name out of multimaster_exports"),
+            site_of_all(),
         ),
         look=(Advice("the master of the robot that gets it", "journalctl -b -n 50 -u multimaster-sync"),),
         what="see multimaster_exports",
@@ -306,7 +311,7 @@ EXCHANGE: Mapping[Key, Fault] = {
     ("declaration", "narrow"): Fault(
         "RF-443",
         "{place} leaves out what the others need: {what}",
-        do=(change("multimaster_exports of {place} has it, and multimaster_filters does not leave it out"), site()),
+        do=(change("add it to multimaster_exports of {place}, or take it out of multimaster_filters"), site()),
         look=(Advice("the master of {place}", "rosparam get /master_discovery; rosparam get /master_sync"),),
         what="see multimaster_exports",
         read=READ,

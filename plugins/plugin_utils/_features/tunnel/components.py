@@ -52,7 +52,10 @@ HOOKS = ComponentHooks(
             "nothing comes through the tunnel of {place}",
             do=(
                 hand("let the UDP port of the tunnel of {place} pass in the network that carries it"),
-                on("date --utc", "a clock that went back has its handshakes refused: set it"),
+                on(
+                    "systemctl restart multimaster-tunnel",
+                    "after its clock was set right: handshakes of a clock that went back are refused",
+                ),
             ),
             look=(on("wg show multimaster0; date --utc; nft list ruleset"),),
             why="packet filters of sites drop UDP",

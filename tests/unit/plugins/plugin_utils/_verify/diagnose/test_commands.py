@@ -166,7 +166,7 @@ def test_a_finding_has_its_command_first():
         update(seen[NAME].probe, default_routes=(PLANNED, DefaultRoute("eth0", gateway=DHCP)))
 
     [found] = diagnosed(change, fig12()).findings
-    command, lasting = found.do
+    command, lasting, _site = found.do
     assert (command.where, command.text) == (NAME, f"ip route del default via {DHCP} dev eth0 metric 0")
     assert lasting.where == INVENTORY
 

@@ -86,7 +86,7 @@ Not judged:
   4. kobuki1 leaves out what the others need: the test topic [RF-443]
      seen:     subscriber hears the other's talker: kobuki1computer -> kobuki2computer: expected a message, found left
                out by multimaster_filters
-     do:       in the inventory: multimaster_exports of kobuki1 has it, and multimaster_filters does not leave it out
+     do:       in the inventory: add it to multimaster_exports of kobuki1, or take it out of multimaster_filters
                on the controller: ansible-playbook -i INVENTORY rosfleet.multimaster.site --limit kobuki1
      look:     on the master of kobuki1: rosparam get /master_discovery; rosparam get /master_sync
 
