@@ -184,7 +184,8 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         do=(
             hand("give one of the two nodes a namespace of its robot: <group ns=...> in its launch file, or __ns:=..."),
             change(
-                "or leave the topic out by multimaster_exports or multimaster_filters; if it is meant, write its whole name into the multimaster_exports of both"
+                "or leave the topic out by multimaster_exports or multimaster_filters; if it is meant, write its whole name into those "
+                "of both"
             ),
             site_of_all(),
         ),
