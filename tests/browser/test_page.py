@@ -19,7 +19,7 @@ from reports import make_report
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 IMAGES = ROOT / "docs/images"
-# The finding of a run of the demonstration: ip_default_ttl was 1 on tibi-nav. docs/operate/verification.md has the text of the same run.
+# The finding of a run of the demonstration: ip_default_ttl was 1 on tibi-nav. docs/understand/diagnosis.md has the text of the same run.
 FOLLOWED = json.loads(pathlib.Path(__file__).with_name("followed.json").read_text(encoding="utf-8"))
 RESULT = "FAILED: 59 of 1870 checks failed (3 with a warning)."
 SINCE = {"since": "2026-11-21 14:02:00", "differences": ["tibi-nav is new", "topics of dabo: /scan is gone"]}
@@ -137,7 +137,7 @@ def test_the_way_of_packets_can_be_read(browser, pages, width):
 
 
 def test_the_picture_and_the_text_are_of_one_run():
-    text = " ".join((ROOT / "docs/operate/verification.md").read_text(encoding="utf-8").split())
+    text = " ".join((ROOT / "docs/understand/diagnosis.md").read_text(encoding="utf-8").split())
     (way,) = FOLLOWED["ways"]
     assert FOLLOWED["followed"] == [way["words"]]
     assert f"followed: {way['words']}" in text and FOLLOWED["sentence"] in text
