@@ -102,7 +102,7 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
                     if robot in flow.givers
                 ]
                 + [
-                    {"to": [entry["peer"]], **names}
+                    {"to": [entry["peer"]], **names, "changed": _describe_changes(entry)}
                     for entry in channels
                     if any((names := _name_crossing(entry, given=True)).values())
                 ],
@@ -122,6 +122,21 @@ def _name_crossing(channel: Mapping[str, Any], *, given: bool) -> dict[str, list
         ]
         for kind in ("topics", "services")
     }
+
+
+def _describe_changes(channel: Mapping[str, Any]) -> dict[str, str]:
+    """Say for each topic and service that a relay gives by another name or at a rate what its own name is, and the rate."""
+    rate = f"at {channel['rate']:g} messages/s" if channel.get("rate") else ""
+    newest = "the newest alone" if channel.get("newest") else ""
+    described = {}
+    for kind in ("topics", "services"):
+        for name in list_names(channel, kind, given=True):
+            other = find_outer_name(channel, name)
+            own, shown = (name, other) if channel["inner"] else (other, name)
+            words = [f"here {own}" if own != shown else "", *((rate, newest) if kind == "topics" else ())]
+            if text := ", ".join(filter(None, words)):
+                described[shown] = text
+    return described
 
 
 def _list_registrations(

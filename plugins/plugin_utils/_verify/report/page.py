@@ -126,9 +126,15 @@ def list_flows(robots: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def _list_names(entries: Sequence[Mapping[str, Any]]) -> list[str]:
-    topics = [name for entry in entries for name in entry["topics"]]
-    services = [f"{name} (service)" for entry in entries for name in entry["services"]]
+    topics = [_name_with_change(entry, name) for entry in entries for name in entry["topics"]]
+    services = [f"{_name_with_change(entry, name)} (service)" for entry in entries for name in entry["services"]]
     return [plain(name) for name in (*topics, *services)]
+
+
+def _name_with_change(entry: Mapping[str, Any], name: str) -> str:
+    """Return a name with what a relay changes of it: its other name, and the rate."""
+    change = entry.get("changed", {}).get(name)
+    return f"{name} ({change})" if change else name
 
 
 def count_unknown(rows: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, int]]:

@@ -24,7 +24,13 @@ def test_the_robots_of_a_document():
 
 
 def test_what_crosses_by_the_relay_is_given_and_taken():
-    entry = {"topics": ["/scan"], "back": ["/cmd_vel"], "services": ["/reset"], "as": "/kobuki1", "to": ["kobuki2"]}
+    entry = {
+        "topics": ["/scan"],
+        "back": ["/cmd_vel"],
+        "services": ["/reset"],
+        "as": "/kobuki1",
+        "to": ["kobuki2"],
+    }
     commands = {"topics": ["/kobuki1/cmd_vel"], "to": ["kobuki1"]}
 
     def change(seen):
@@ -38,10 +44,24 @@ def test_what_crosses_by_the_relay_is_given_and_taken():
     plan = fleets.plan(exports={"kobuki1": [entry], "kobuki2": [commands]})
     one, two = make_report(plan, change).document["robots"]
     outer = {"topics": ["/kobuki1/scan"], "services": ["/kobuki1/reset"]}
-    assert one["gives"] == [{"to": ["kobuki2"], **outer}]
-    assert two["gives"][1:] == [{"to": ["kobuki1"], "topics": ["/cmd_vel"], "services": []}]
+    changed = {"/kobuki1/scan": "here /scan", "/kobuki1/reset": "here /reset"}
+    assert one["gives"] == [{"to": ["kobuki2"], **outer, "changed": changed}]
+    (back,) = two["gives"][1:]
+    assert (back["to"], back["topics"], back["services"]) == (["kobuki1"], ["/cmd_vel"], [])
+    assert back["changed"]["/cmd_vel"].startswith("here /kobuki1/cmd_vel")
+    html = make_report(plan, change).html
+    assert "/kobuki1/scan (here /scan)" in html
     assert one["takes"] == [{"robot": "kobuki2", "topics": ["/cmd_vel"], "services": []}]
     assert two["takes"] == [{"robot": "kobuki1", "topics": ["/kobuki1/scan"], "services": ["/kobuki1/reset"]}]
+
+
+def test_the_rate_of_a_topic_stands_beside_its_names():
+    entries = {
+        "kobuki1": [{"topics": ["/scan"], "as": "/kobuki1", "rate": 5, "newest": True, "to": ["kobuki2"]}],
+        "kobuki2": [],
+    }
+    html = make_report(fleets.plan(exports=entries)).html
+    assert "/kobuki1/scan (here /scan, at 5 messages/s, the newest alone)" in html
 
 
 def test_the_traffic_is_summed_by_topic_and_robot():
