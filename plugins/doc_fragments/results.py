@@ -18,7 +18,7 @@ options:
     description:
       - The name of the variable with the plan of each computer, which M(rosfleet.multimaster.fleet_check) returns with what it found on
         the machine, for example V(multimaster_plan); empty for none.
-      - So robots that the collection did not set up are told as such, and judged by whether they talk.
+      - So robots that the collection did not set up are reported as such, and judged by whether they talk.
     type: str
     default: ""
   earlier:
@@ -30,7 +30,7 @@ options:
     default: []
   machine:
     description: The name of the variable that every computer registered from M(rosfleet.multimaster.multimaster_info), for example
-      V(multimaster_info), whose versions are told; empty for none.
+      V(multimaster_info), whose versions are reported; empty for none.
     type: str
     default: ""
   pairs:

@@ -11,7 +11,7 @@ name: watch_rounds
 short_description: The rounds of a watch over the fleet
 version_added: "1.0.0"
 description:
-  - Reads how long to watch, and says when progress is told. A round takes 15 seconds, and more in a watch of more than a quarter of an
+  - Reads how long to watch, and says when progress is reported. A round takes 15 seconds, and more in a watch of more than a quarter of an
     hour, 300 seconds at most.
 author:
   - rosfleet contributors (@rosfleet)
@@ -24,7 +24,7 @@ options:
 """
 
 EXAMPLES = r"""
-- name: Say when progress is told
+- name: Say when progress is reported
   ansible.builtin.debug:
     msg: "{{ ('15m' | rosfleet.multimaster.watch_rounds).ends }}"
 """

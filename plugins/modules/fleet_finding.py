@@ -25,7 +25,7 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Verify the fleet, and tell each finding as a result of its own
+- name: Verify the fleet, and report each finding as a result of its own
   hosts: robots
   gather_facts: false
   become: true
@@ -40,7 +40,7 @@ EXAMPLES = r"""
       loop_control:
         label: "{{ item.sentence }}"
       run_once: true
-      ignore_errors: true # noqa: ignore-errors each finding is a failure, and all are to be told
+      ignore_errors: true # noqa: ignore-errors each finding is a failure, and all are to be reported
 """
 
 RETURN = r"""
@@ -140,7 +140,7 @@ remedy:
   type: str
   sample: "on the controller: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer (writes /etc/hosts)"
 since:
-  description: Since when it is so, where the computer tells; else empty.
+  description: Since when it is so, if the computer reports it; else empty.
   returned: always
   type: str
   sample: /etc/hosts was changed 2026-11-22 09:12:44 UTC

@@ -4,7 +4,7 @@
 
 DOCUMENTATION = r"""
 module: fleet_packet_trace
-short_description: Choose which packets are followed, where no value shows why they are lost
+short_description: Choose which packets are traced, if no value shows why they are lost
 version_added: "1.0.0"
 description:
   - Judges what the computers have registered so far, as M(rosfleet.multimaster.fleet_report) does. Where something failed and

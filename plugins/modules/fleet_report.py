@@ -13,7 +13,7 @@ description:
   - A finding is a part of the fleet that is broken, such as a route, a packet filter or a clock, with what shows it, what
     follows from it, and what to do. The findings are the fewest parts that explain all that failed, and that no success
     contradicts. Where two parts explain the same, both are named, with the command that decides.
-  - It is a judgement, so a failed check is a result and no failure; RV(passed) tells, for an assertion after it.
+  - It is a judgement, so a failed check is a result and no failure; RV(passed) has the result, for an assertion after it.
   - A computer that is unreachable, or gave no result, is a finding of its own.
   - With C(--limit), only the computers of the play are judged, each against all others as far as these take part.
   - Runs on the controller and connects to no host, so it is run once.
@@ -62,7 +62,7 @@ options:
       - Another text is the file for the data, for example V(verification.json); it has all results, good ones too. The page is beside it,
         here C(verification.html).
       - Nothing is written if it is empty.
-      - What differs from the run before is told, where its data are there.
+      - What differs from the run before is listed, if its data are there.
     type: str
     default: ""
   junit:
@@ -305,7 +305,7 @@ findings:
       type: str
       sample: "on the controller: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer (writes /etc/hosts)"
     since:
-      description: Since when it is so, where the computer tells; else empty.
+      description: Since when it is so, if the computer reports it; else empty.
       returned: always
       type: str
       sample: /etc/hosts was changed 2026-11-22 09:12:44 UTC

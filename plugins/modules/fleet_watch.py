@@ -24,7 +24,7 @@ options:
     type: str
     required: true
   known:
-    description: How many events were told before, as RV(known) of the round before; empty in the first round.
+    description: How many events were listed before, as RV(known) of the round before; empty in the first round.
     type: dict
     default: {}
 author:
@@ -69,12 +69,12 @@ events:
       after: 261.2
   contains:
     observer:
-      description: The computer that tells it. The others are those of C(multimaster_watch).
+      description: The computer that reports it. The others are those of C(multimaster_watch).
       returned: always
       type: str
       sample: dabo-nav
 known:
-  description: How many events each computer has told, for the next round.
+  description: How many events each computer has reported, for the next round.
   returned: success
   type: dict
   sample: {dabo-nav: 1}

@@ -4,13 +4,13 @@
 
 DOCUMENTATION = r"""
 module: multimaster_packet_trace
-short_description: Follow packets from computer to computer, and tell where they vanish
+short_description: Trace packets from computer to computer, and report where they vanish
 version_added: "1.0.0"
 description:
   - The packet trace of a verification. Several computers listen while some of them send once more what did not arrive. Each tells
     which of these packets came in and went out, by which interface, from and to which hardware address.
   - It takes three tasks. With O(action=listen), a listener is left running. With O(action=send), the computer sends its
-    O(probes). With O(action=collect), the listener tells what it saw, and ends. Use the C(linear) strategy (the default), so that a
+    O(probes). With O(action=collect), the listener reports what it saw, and ends. Use the C(linear) strategy (the default), so that a
     task is through on every computer before the next one begins.
   - A listener sees packets of this O(run), ICMP errors and ARP messages alone, 500 of each protocol at most and 100 of one sender.
     It is in no promiscuous mode, and ends by itself after O(lifetime), also where the controller has vanished.
@@ -25,7 +25,7 @@ options:
     description:
       - With V(listen), a listener begins; an older one of this computer ends.
       - With V(send), this computer sends those of O(probes) whose C(sender) is O(name).
-      - With V(collect), the listener of the same O(run) tells what it saw, and ends.
+      - With V(collect), the listener of the same O(run) reports what it saw, and ends.
     type: str
     choices: [listen, send, collect]
     required: true

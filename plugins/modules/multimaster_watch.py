@@ -4,7 +4,7 @@
 
 DOCUMENTATION = r"""
 module: multimaster_watch
-short_description: Watch a computer of a fleet for a while, and tell what is lost and when
+short_description: Watch a computer of a fleet for a while, and report what is lost and when
 version_added: "1.0.0"
 description:
   - Watches on this computer what costs little. These are the heartbeats of the discovery nodes of all masters (on the

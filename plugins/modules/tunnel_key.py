@@ -5,7 +5,7 @@
 
 DOCUMENTATION = r"""
 module: tunnel_key
-short_description: Make the key of a computer in the tunnel, and tell its public half
+short_description: Make the key of a computer in the tunnel, and return its public half
 version_added: "1.0.0"
 description:
   - Makes a private key of WireGuard on a computer that has none. The key stays there, and no answer and no difference shows it.
