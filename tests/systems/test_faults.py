@@ -182,7 +182,7 @@ def test_a_node_with_the_name_of_a_local_one_is_reported(lab):
     """Without the guard, the import would end the local node (section 11 of the interface facts).
 
     Both are there before the robots exchange anything: a node that starts under a name that is imported already is
-    beyond the guard, which docs/understand/nodes.md says.
+    beyond the guard, which roles/nodes/DESIGN.md says.
     """
     for host in (FIRST, SECOND):
         lab.run(host, "systemctl stop multimaster-sync")

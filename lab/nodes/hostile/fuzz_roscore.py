@@ -6,7 +6,7 @@
 
 It starts the roscore itself. A third of the callers are strangers, who come by another address than the loopback, a third are local
 users without rights, a third are of root. After each kill the roscore must answer within START seconds, the nodes that live must be
-registered, and its file, its memory and its threads must be within what docs/understand/roscore.md states. It ends with one line of JSON.
+registered, and its file, its memory and its threads must be within what roles/nodes/DESIGN.md states. It ends with one line of JSON.
 """
 
 import collections
@@ -29,7 +29,7 @@ from hostile_inputs import MIB, break_bytes, laughs, request_of, some_bytes
 
 PORT, START, ALIVE, HEARD = 11398, 5.0, 4, "/alive/heard"
 URI = f"http://127.0.0.1:{PORT}/"
-MEMORY, FILE = 1024 * MIB, 600 * MIB  # MemoryMax of the unit, and what docs/understand/roscore.md says of the file
+MEMORY, FILE = 1024 * MIB, 600 * MIB  # MemoryMax of the unit, and what roles/nodes/DESIGN.md says of the file
 USER = 65534  # nobody
 METHODS = """registerPublisher registerSubscriber registerService unregisterPublisher unregisterSubscriber unregisterService subscribeParam
 unsubscribeParam setParam setParam setParam deleteParam getParam getParamNames hasParam searchParam lookupNode lookupService getSystemState

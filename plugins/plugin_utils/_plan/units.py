@@ -41,7 +41,7 @@ _INSTALL = """
 WantedBy=multi-user.target
 """
 
-# The sandbox of every unit. docs/operate/security.md has the ratings, and the reasons for missing directives.
+# The sandbox of every unit. docs/operate/security.md has the ratings, and tests/evidence/security.md the reasons for missing directives.
 _SANDBOX = """\
 # It gains no rights, sees no processes of others, and sets nothing of the kernel's. The system is read-only for it.
 NoNewPrivileges=yes
