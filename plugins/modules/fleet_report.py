@@ -71,7 +71,7 @@ options:
     default: ""
   explain:
     description:
-      - The numbers of findings, with commas, or V(all). After the report it is printed why each of them was made, in ten lines at most: the rule that
+      - The numbers of findings, with commas, or V(all). After the report it is printed why each of them was made, in ten lines at most. They name the rule that
         decided, what has shown it, which results it explains, and the rivals with what cleared them.
       - Nothing is explained if it is empty.
     type: str

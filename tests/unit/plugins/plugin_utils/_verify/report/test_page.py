@@ -55,6 +55,15 @@ def test_what_is_wrong_is_told_and_every_link_leads_somewhere():
     assert all(link[1:] in ids for link in links if link.startswith("#"))
 
 
+def test_why_a_finding_was_made_is_folded_below_it():
+    report = make_report(fleets.fig12(), fleets.wall)
+    page = Tags(report.html)
+    because = report.document["findings"][0]["because"]
+    assert because["title"] in page.text and "Why this finding" in page.text
+    assert f"rule {because['place']} of {because['rules']}, {because['rule']}" in page.text
+    assert [tag for tag, _attributes in page.tags].count("dl") == 1 and "details" in dict(page.tags)
+
+
 def test_all_is_well():
     text = Tags(make_report(fleets.fig12()).html).text
     assert "All is well." in text and "Nothing was found." in text and "Not explained" not in text
