@@ -35,6 +35,7 @@ KNOWN = {
     "192.168.1.77": ("", "free"),
     "192.168.1.88": ("", "free"),
     "192.168.1.250": ("", "free"),
+    "192.168.66.9": ("", "free"),
     "11611": ("kobuki", "rpc_port"),
 }
 LITERAL = re.compile("|".join(rf"(?<![\d.]){re.escape(text)}(?![\d.])" for text in KNOWN) + r"|(?<=\s)dabo-gate(?=\s)")
