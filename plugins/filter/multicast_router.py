@@ -71,7 +71,8 @@ from typing import Any
 
 from ansible.errors import AnsibleFilterError
 
-from ..plugin_utils._plan import quotes, units
+from ..plugin_utils._features.multicast_routing import files
+from ..plugin_utils._plan import quotes
 
 
 def multicast_router(
@@ -81,11 +82,11 @@ def multicast_router(
     if not group:
         return {"files": [], "units": []}
     try:
-        unit = units.render_router(robot, group, interfaces, command, digest)
+        unit = files.render_router(robot, group, interfaces, command, digest)
     except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem
     return {
-        "files": [{"path": units.ROUTER_FILE, "content": units.render_routes(robot, group, interfaces)}],
+        "files": [{"path": files.ROUTER_FILE, "content": files.render_routes(robot, group, interfaces)}],
         "units": [unit],
     }
 

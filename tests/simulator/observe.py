@@ -131,7 +131,7 @@ def _probe(state, network, ros, name, started):
 
 
 def _services(plan):
-    return (*plan.services, *(("multicast-routing",) if plan.multicast_routing else ()))
+    return plan.all_services
 
 
 def _service(state, name, service):

@@ -11,6 +11,9 @@ from ipaddress import IPv4Address
 from itertools import pairwise
 from typing import Any
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._features.multicast_routing.model import (
+    MulticastRouting,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import (
     Interface,
     Link,
@@ -145,7 +148,7 @@ def simulate(fleet: FleetPlan) -> World:
     machines = {}
     for name, machine in planned.machines.items():
         plan = fleet.computers.get(name)
-        routing = plan.multicast_routing if plan else None
+        routing = MulticastRouting.find(plan) if plan else None
         machines[name] = replace(make_computer(machine), groups=frozenset({routing.group} if routing else ()))
     return World(machines, {name: Wire(**_fields(link)) for name, link in planned.links.items()})
 

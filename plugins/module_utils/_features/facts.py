@@ -7,9 +7,11 @@ import typing
 
 from .._probe.facts.part import FactPart
 from .clock.facts import FACT as CLOCK
+from .multicast_routing.facts import FACT as MULTICAST_ROUTING
 from .tunnel.facts import FACT as TUNNEL
 
 FACTS: typing.List[FactPart] = [
     CLOCK,
+    MULTICAST_ROUTING,
     TUNNEL,
 ]

@@ -53,20 +53,6 @@ def _words(content: str) -> typing.List[str]:
         return content.split()
 
 
-# Programs that pass multicast on between interfaces, by their units in Debian; the kernel takes one at a time.
-_MULTICAST_ROUTERS = ("smcroute.service", "mrouted.service", "pimd.service", "igmpproxy.service")
-
-
 def folders(wanted: typing.Iterable[str]) -> typing.List[str]:
     """Return the paths that are folders."""
     return [path for path in wanted if os.path.isdir(path)]
-
-
-def multicast_routing() -> typing.Dict[str, typing.Any]:
-    """Find smcrouted, and the active units of other programs that pass multicast on."""
-    places = (os.path.join(folder, "smcrouted") for folder in ("/usr/sbin", "/usr/local/sbin", "/sbin"))
-    states = run(["systemctl", "is-active"] + list(_MULTICAST_ROUTERS)).text.split()
-    return {
-        "smcrouted": next((path for path in places if os.access(path, os.X_OK)), ""),
-        "others": [unit for unit, state in zip(_MULTICAST_ROUTERS, states) if state == "active"],
-    }

@@ -54,6 +54,12 @@ FEATURES = (
         guarded="tunnel",
     ),
     Feature(
+        "multicast_routing",
+        hooks=("variables", "inventory", "model", "plan"),
+        plugins=("filter/multicast_router.py",),
+        concern={"managed_files": "multicast_routing", "managed_services": "multicast_routing"},
+    ),
+    Feature(
         "adopt",
         hooks=(),
         rooms=("plugin_utils/_adopt",),

@@ -51,13 +51,7 @@ def find_slow_heartbeats(rate: float | None, after: float | None) -> list[str]:
 
 def find_unreachable_masters(fleet: Fleet) -> list[str]:
     """Return a sentence for each master that gets no heartbeat, since multicast does not cross a gateway by itself."""
-    group, routing = fleet.variables.multicast_group, fleet.variables.multicast_routing
-    if routing == "smcroute" and group in LOCAL_GROUPS:
-        return [
-            f"multimaster_multicast_group is {group}, which no router passes on (RFC 5771, 224.0.0.0/24), and "
-            "multimaster_multicast_routing is 'smcroute'; expected a group outside 224.0.0.0/24: set it in group_vars/robots.yml, "
-            "for example 239.255.0.1."
-        ]
+    group, routing = fleet.variables.multicast_group, fleet.multicast_routing
     if fleet.variables.transport != "multicast" or len(fleet.robots) < 2:
         return []
     return [

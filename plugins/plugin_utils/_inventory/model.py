@@ -195,6 +195,7 @@ class Fleet:
     router: Router | None
     variables: FleetVariables
     overlay: Overlay | None = None  # the common network, where an optional feature makes it
+    multicast_routing: str = "none"  # what passes the group on at gateways, where an optional feature does
 
     @property
     def computers(self) -> tuple[Computer, ...]:

@@ -47,7 +47,6 @@ class FleetVariables:
     transport: str = word("both", "multicast", "unicast")
     multicast_group: IPv4Address = row(kinds.group, "226.0.0.0")
     multicast_port: int = row(kinds.number(int, 1024, 65535), 11511)
-    multicast_routing: str = word("none", "smcroute")
     answer_broadcast_pings: bool = row(kinds.switch, True)
     firewall: str = word("none", "fleet")
     advertise: str = word("name", "address")

@@ -28,7 +28,7 @@ class PlanHooks:
     #: a sentence for each thing that is left as it is
     list_warnings: Callable[[ComputerPlan, Info], Iterable[str]] = lambda plan, info: ()
     #: its part of the plan with what only the machine knows
-    fill: Callable[[Any, Info], PlanPart] = lambda part, info: part
+    fill: Callable[[ComputerPlan, Any, Info], PlanPart] = lambda plan, part, info: part
     #: the Debian packages that it needs; the plan is filled in
     list_packages: Callable[[ComputerPlan, Info], Iterable[str]] = lambda plan, info: ()
 

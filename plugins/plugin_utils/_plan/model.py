@@ -141,6 +141,8 @@ class PlanPart(FeaturePart):
         ""  # its name in a picture, if it makes the common network: its program makes the routes there
     )
 
+    passes_group: ClassVar[bool] = False  # the computer passes multicast to the group on by it
+
     @property
     def duty(self) -> str:
         """The service of the computer for others by it, in a word for a picture; empty for none."""
@@ -154,6 +156,11 @@ class PlanPart(FeaturePart):
     @property
     def services(self) -> tuple[str, ...]:
         """The services that start before all others of the computer."""
+        return ()
+
+    @property
+    def own_services(self) -> tuple[str, ...]:
+        """The services that its role starts."""
         return ()
 
     @property
@@ -228,15 +235,6 @@ class LookAt:
 
 
 @dataclass(frozen=True)
-class MulticastRouting:
-    """The group that a gateway passes on, and between which of its addresses."""
-
-    group: IPv4Address
-    addresses: tuple[IPv4Address, ...]
-    interfaces: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))  # filled in by preflight
-
-
-@dataclass(frozen=True)
 class PlannedGuard:
     """Networks whose addresses come in at one interface only. Its name is COMMON_INTERFACE or OWN_INTERFACE until preflight knows it."""
 
@@ -300,7 +298,6 @@ class ComputerPlan:
     routes: tuple[PlannedRoute, ...] = ()
     routes_expected: tuple[ExpectedRoute, ...] = ()
     look_at: LookAt = LookAt()
-    multicast_routing: MulticastRouting | None = None
     firewall: Firewall | None = None  # None: no packet filter is wanted
     features: Mapping[str, PlanPart] = field(default_factory=dict, metadata=notation(among=_list_parts))
     environment: Mapping[str, str] = field(default_factory=dict)
@@ -322,9 +319,8 @@ class ComputerPlan:
     # Preflight fills these in, since it knows the machine.
     programs: Mapping[str, UnitLines] | None = field(default=None, metadata=notation(left_out=True))
     packages: tuple[str, ...] | None = field(default=None, metadata=notation(left_out=True))
-    # Multicast routing is planned, or an earlier plan left some behind.
-    multicast_routing_due: bool | None = field(default=None, metadata=notation(left_out=True))
-    firewall_due: bool | None = field(default=None, metadata=notation(left_out=True))  # the same of the packet filter
+    # A packet filter is planned, or an earlier plan left one behind.
+    firewall_due: bool | None = field(default=None, metadata=notation(left_out=True))
     nft_missing: bool | None = field(
         default=None, metadata=notation(left_out=True)
     )  # it is needed, and to be installed first
@@ -348,9 +344,14 @@ class ComputerPlan:
         return self.is_gateway or self.is_router or any(part.forwards for part in self.features.values())
 
     @property
-    def services_with_routing(self) -> tuple[str, ...]:
-        """The services that are to run, with the one of a gateway that passes the group on."""
-        return (*self.services, *(("multicast-routing",) if self.multicast_routing else ()))
+    def all_services(self) -> tuple[str, ...]:
+        """The services that are to run, with those that the roles of features start."""
+        return (*self.services, *(name for part in self.features.values() for name in part.own_services))
+
+    @property
+    def passes_group(self) -> bool:
+        """True if it passes multicast to the group on."""
+        return any(part.passes_group for part in self.features.values())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from . import membership, model, parameters, providers
 from .hooks import PlanHooks
 
 # The parts of multimaster_info that preflight needs: of every computer, and of those with ROS.
-LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters", "multicast_routing")
+LOOKED_AT = ("system", "owned", "interfaces", "ways", "routing", "forwarding", "filters")
 LOOKED_AT_WITH_ROS = ("ros", "packages", "ports", "exports", "sshd", "environment")
 
 
@@ -51,7 +51,7 @@ def fleet_plan(fleet: Fleet) -> model.FleetPlan:
         transport=fleet.variables.transport,
         multicast_group=fleet.variables.multicast_group,
         multicast_port=fleet.variables.multicast_port,
-        multicast_routing=fleet.variables.multicast_routing,
+        multicast_routing=fleet.multicast_routing,
         members=members,
         listeners=_listeners(members),
         let_in=_let_in(fleet, belonging),
@@ -95,7 +95,7 @@ def _flows(fleet: Fleet) -> tuple[model.PlannedFlow, ...]:
 
 def _make_member(fleet: Fleet, robot: Robot, computer: Computer) -> model.Member:
     is_master = computer == robot.companion
-    routed = fleet.variables.multicast_routing != "none" and robot.gateway is not None and bool(robot.gateway.name)
+    routed = fleet.multicast_routing != "none" and robot.gateway is not None and bool(robot.gateway.name)
     in_common_network = computer.common_address is not None
     return model.Member(
         name=computer.name,
@@ -157,7 +157,6 @@ def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: mo
         routes=() if existing else _routes(fleet, robot, computer),
         routes_expected=expected,
         look_at=_look_at(fleet, robot, is_master, expected, metrics),
-        multicast_routing=_multicast_routing(fleet, computer) if is_gateway else None,
         firewall=_firewall(fleet, robot, computer, features.values()),
         features=features,
         environment=_environment(fleet, robot, computer),
@@ -265,13 +264,6 @@ def _list_expected_routes(fleet: Fleet, robot: Robot, computer: Computer) -> tup
         model.ExpectedRoute(route.destination, (route.gateway, *also))
         for route in list_network_routes(fleet, robot, computer)
     )
-
-
-def _multicast_routing(fleet: Fleet, gateway: Computer) -> model.MulticastRouting | None:
-    """Return the multicast routing of a gateway between the robot's network and the common network."""
-    if fleet.variables.multicast_routing == "none" or gateway.common_address is None:
-        return None
-    return model.MulticastRouting(fleet.variables.multicast_group, (gateway.address, gateway.common_address))
 
 
 def _is_hub(fleet: Fleet, computer: Computer) -> bool:

@@ -69,12 +69,9 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
     """
     problems, feature_warnings = _compare_features(plan, info)
     info = _add_interfaces(plan, info)
-    interfaces: dict[IPv4Address, str] = {}  # address -> name
-    for wanted in plan.networks:
-        interfaces[wanted.address], interface_problems = _find_interface(plan, info, wanted)
-        problems += interface_problems
+    interfaces, interface_problems = find_interfaces(plan, info)
+    problems += interface_problems
     problems += _find_machine_problems(plan, info)
-    problems += _check_multicast_routing(plan, info, interfaces)
     missing = _explain_missing_services(plan, info)
     warnings = [*_check_hostname(plan, info), *missing.values(), *feature_warnings]
     services = tuple(name for name in plan.services if name not in missing)
@@ -120,9 +117,6 @@ def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4A
         replace(setting, name=setting.name.replace("{common}", common.replace(".", "/"))) for setting in plan.sysctl
     )
     sysctl += tuple(_mute_below(info, interfaces.values()))
-    routing = plan.multicast_routing
-    if routing:
-        routing = replace(routing, interfaces=tuple(interfaces[address] for address in routing.addresses))
     names = {COMMON_INTERFACE: common, OWN_INTERFACE: interfaces.get(plan.address, "")}
     planned = plan.firewall.guards if plan.firewall else ()
     guards = tuple(replace(guard, interface=names[guard.interface]) for guard in planned)
@@ -131,14 +125,12 @@ def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4A
     return replace(
         plan,
         sysctl=sysctl,
-        multicast_routing=routing,
         programs=units.NO_PROGRAMS,
         packages=(
             *(name for hooks in features for name in hooks.list_packages(plan, info)),
             *(("nftables",) if guards else ()),
         ),
         firewall=replace(plan.firewall, guards=guards) if plan.firewall else None,
-        multicast_routing_due=_is_due(plan.multicast_routing, "multicast_routing", info),
         # Without the name of an interface, which a verification may have, there is nothing to compare.
         firewall_due=_is_due(plan.firewall, "firewall", info) and all(of.interface for of in guards),
         nft_missing=bool(guards) and not info["filters"]["readable"],
@@ -175,8 +167,8 @@ def _fill_features(plan: ComputerPlan, info: Mapping[str, Any]) -> ComputerPlan:
     known = load_hooks("plan", PlanHooks)
     return replace(
         plan,
-        features={name: known[name].fill(part, info) for name, part in plan.features.items()},
-        features_due={f"{name}_due": _is_due(plan.features.get(name), f"files-{name}", info) for name in known},
+        features={name: known[name].fill(plan, part, info) for name, part in plan.features.items()},
+        features_due={f"{name}_due": _is_due(plan.features.get(name), f"-{name}", info) for name in known},
     )
 
 
@@ -242,6 +234,16 @@ def _add_programs(plan: ComputerPlan, info: Mapping[str, Any], nodes: providers.
 def _is_due(planned: object, record: str, info: Mapping[str, Any]) -> bool:
     """Return True if a thing is planned, or an earlier plan left it behind: there is a record of it."""
     return planned is not None or any(record in name for name in info.get("owned", ()))
+
+
+def find_interfaces(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[dict[IPv4Address, str], list[str]]:
+    """Return the name of the interface with each address of the plan, and the problems of these interfaces."""
+    names: dict[IPv4Address, str] = {}
+    problems = []
+    for wanted in plan.networks:
+        names[wanted.address], found = _find_interface(plan, info, wanted)
+        problems += found
+    return names, problems
 
 
 def _find_interface(plan: ComputerPlan, info: Mapping[str, Any], wanted: PlannedAddress) -> tuple[str, list[str]]:
@@ -379,32 +381,6 @@ def _find_machine_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Itera
                 f"{' or '.join(gateways)} (found: {state}); expected one, since without a route back nothing is answered: add it, "
                 "name the router in multimaster_router where it leads there, or set multimaster_routes to 'default' or 'networks'."
             )
-
-
-def _check_multicast_routing(
-    plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]
-) -> Iterator[str]:
-    if not plan.multicast_routing:
-        return
-    inner, common = (interfaces[address] for address in plan.multicast_routing.addresses)
-    routing = info["multicast_routing"]
-    if inner and inner == common:
-        yield (
-            f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but both its addresses are on {quote(inner)}; expected an interface "
-            "for each network, since multicast is passed on between interfaces: give the common network its own, or set "
-            "multimaster_multicast_routing to 'none'."
-        )
-    elif not routing["smcrouted"]:
-        yield (
-            f"{plan.computer}: multimaster_multicast_routing is 'smcroute', but there is no smcrouted; expected it on a gateway: install "
-            "it (apt-get install smcroute)."
-        )
-    elif routing["others"]:
-        yield (
-            f"{plan.computer}: {', '.join(map(quote, routing['others']))} passes multicast on already, and the kernel takes one program for that; "
-            "expected none beside the collection's: stop it for good (systemctl disable --now smcroute.service smcroute-helper.service, "
-            "where it is Debian's smcroute), or set multimaster_multicast_routing to 'none'."
-        )
 
 
 def _explain_missing_services(plan: ComputerPlan, info: Mapping[str, Any]) -> dict[str, str]:

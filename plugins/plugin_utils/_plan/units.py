@@ -248,28 +248,28 @@ def render_services(
         shared = {"robot": quotes.escape_text(robot), "inputs": _digest(environment, *read)}
         if name in OF_FEATURES:
             values = {**shared, "inputs": quotes.escape_text((digests or {}).get(name, ""))}
-            text = _complete(OF_FEATURES[name], **values)
+            text = complete(OF_FEATURES[name], **values)
         elif name == "address":
-            text = _complete(_ADDRESS, **shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)
+            text = complete(_ADDRESS, **shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)
         elif name == "watchdog":
             judged = " ".join(f"multimaster-{other}.service" for other in names if other in _JUDGED)
-            text = _complete(_WATCHDOG, **shared, end=_isolate("end_hangs"), judged=judged)
+            text = complete(_WATCHDOG, **shared, end=_isolate("end_hangs"), judged=judged)
         elif name == "connections":
-            text = _complete(_CONNECTIONS, **shared, end=_isolate("end_connections"))
+            text = complete(_CONNECTIONS, **shared, end=_isolate("end_connections"))
         elif name == "metrics":
             folder = quotes.check_program(metrics_folder)
-            text = _complete(_METRICS, **shared, publish=_isolate("publish_metrics"), folder=folder)
+            text = complete(_METRICS, **shared, publish=_isolate("publish_metrics"), folder=folder)
         elif name == "roscore":
             inputs = shared["inputs"] if "roscore" in programs else quotes.escape_text(environment_digest)
             values = {**shared, "inputs": inputs}
-            text = _complete(_ROSCORE, **values, program=_roscore_lines(roscore_command, roscore_port, programs))
+            text = complete(_ROSCORE, **values, program=_roscore_lines(roscore_command, roscore_port, programs))
         else:
-            text = _complete(_NODE, **shared, node=f"master_{name}", task=NODES[name][0], program=programs[name])
+            text = complete(_NODE, **shared, node=f"master_{name}", task=NODES[name][0], program=programs[name])
         units.append({"name": f"multimaster-{name}.service", "content": text})
     return units
 
 
-def _complete(template: str, inputs: str, **values: object) -> str:
+def complete(template: str, inputs: str, **values: object) -> str:
     """The text of a unit: what it is, the part of a service of ROS, the sandbox, and its start at boot."""
     shared = {"inputs": inputs, "configuration": CONFIGURATION, "sandbox": _SANDBOX, "notify": _NOTIFY}
     return (template + _INSTALL).format(**shared, **values, service=_SERVICE.format(**shared))
@@ -466,69 +466,3 @@ def render_programs(
         )
         lines[name] = UnitLines(program.unit, service)
     return lines
-
-
-# The multicast router of a gateway
-
-ROUTER_UNIT = "multimaster-multicast-routing.service"
-ROUTER_FILE = f"{CONFIGURATION}/smcroute.conf"
-_ROUTER_HEADER = (
-    "# Managed by rosfleet.multimaster: multicast between the network of the robot {robot} and the common network"
-)
-_ROUTER = """\
-{header}
-[Unit]
-Description=Multicast routing of {robot} for the group {group}
-Documentation=https://github.com/rosfleet/multimaster
-After=smcroute.service
-# It is started again as often as it ends: an interface may come late.
-StartLimitIntervalSec=0
-
-[Service]
-Environment=ROSFLEET_INPUTS={inputs}
-# smcrouted goes on without routes where another program has the kernel's multicast routing, or an interface is not there,
-# so both are looked at.
-ExecStartPre=/bin/sh -c '! grep -q "^ *[0-9]" /proc/net/ip_mr_vif || \
-{{ echo "Another program routes multicast already, perhaps smcroute.service: stop and disable it." >&2; exit 1; }}'
-ExecStart={command} -n -N -s -f {file}
-ExecStartPost=/bin/sh -c 'for try in $$(seq 150); do \
-grep -qF " $$1 " /proc/net/ip_mr_vif && grep -qF " $$2 " /proc/net/ip_mr_vif && exit; sleep 0.2; done; \
-echo "smcrouted does not route between $$1 and $$2: are both up?" >&2; exit 1' sh {names}
-Restart=always
-RestartSec=5
-# Root, as smcrouted demands, but with the rights of a router alone.
-CapabilityBoundingSet=CAP_NET_ADMIN CAP_NET_RAW
-# Its socket and its number are there.
-ReadWritePaths=/run
-ProtectHome=yes
-RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
-MemoryDenyWriteExecute=yes
-MemoryMax=64M
-TasksMax=64
-{sandbox}
-# It gives the file of its number its owner.
-SystemCallFilter=@chown"""
-
-
-def render_router(robot: str, group: str, interfaces: Sequence[str], command: str, inputs: str) -> Unit:
-    """The unit of smcrouted on a gateway; `command` is its path, `inputs` the digest of its file."""
-    text = _complete(
-        _ROUTER,
-        header=_ROUTER_HEADER.format(robot=quotes.escape_text(robot)),
-        robot=quotes.escape_text(robot),
-        group=quotes.escape_text(group),
-        inputs=quotes.escape_text(inputs),
-        command=quotes.check_program(command),
-        file=ROUTER_FILE,
-        names=" ".join(quotes.quote_argument(interface) for interface in interfaces),
-    )
-    return {"name": ROUTER_UNIT, "content": text}
-
-
-def render_routes(robot: str, group: str, interfaces: Sequence[str]) -> str:
-    """The file of smcrouted (smcroute.conf(5)): the group passes both ways between two interfaces."""
-    lines = [f"phyint {interface} enable" for interface in interfaces]
-    lines += [f"mgroup from {interface} group {group}" for interface in interfaces]
-    ways = [tuple(interfaces), tuple(reversed(interfaces))]
-    lines += [f"mroute from {source} group {group} to {target}" for source, target in ways]
-    return "\n".join([_ROUTER_HEADER.format(robot=robot), *lines, ""])

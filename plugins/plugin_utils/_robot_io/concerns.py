@@ -18,7 +18,6 @@ CONCERNS: dict[str, dict[str, str]] = {
     "hosts": {"hosts_entries": ""},
     "environment": {"managed_files": "environment", "shells": ""},
     "nodes": {"multimaster_packages": "", "managed_files": "nodes"},
-    "multicast_routing": {"managed_files": "multicast_routing", "managed_services": "multicast_routing"},
     **{feature.name: dict(feature.concern) for feature in FEATURES if feature.concern},
     "services": {"managed_services": "multimaster"},
 }

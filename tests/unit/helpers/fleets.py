@@ -286,7 +286,7 @@ def good_probe(fleet, me, own):
         ),
         services=tuple(
             ServiceState(service, f"multimaster-{service}.service", "loaded", "active", "running")
-            for service in (*own.services, *(("multicast-routing",) if own.multicast_routing else ()))
+            for service in own.all_services
         ),
         sources=(own_source(fleet, own),) if own.is_master else (),
         exchange=exchange(fleet, own.robot) if own.is_master else Exchange(error="not looked at"),

@@ -54,7 +54,6 @@ PARTS = (
     FactPart("routing", routing, 15),
     FactPart("forwarding", forwarding, 10),
     FactPart("filters", filters.filters, 15),
-    FactPart("multicast_routing", system.multicast_routing, 10),
     FactPart("ros", ros.find, 180, options=("ros_setup", "nodes")),
     FactPart("packages", fkie.packages, 30, options=("packages",)),
     *FACTS,

@@ -146,6 +146,6 @@ HOOKS = PlanHooks(
     make_part=make_clock,
     list_facts=lambda fleet: ("clock",) if find_source(fleet) else (),
     list_warnings=list_clock_warnings,
-    fill=add_machine,
+    fill=lambda plan, clock, info: add_machine(clock, info),
     list_packages=list_clock_packages,
 )

@@ -39,7 +39,7 @@ def find_wrong_tunnel(fleet: Fleet) -> list[str]:
             f"multimaster_transport is '{shared.transport}'; expected 'unicast', since a tunnel carries no multicast: set it {where}",
         ),
         (
-            shared.multicast_routing != "none",
+            fleet.multicast_routing != "none",
             f"multimaster_multicast_routing is 'smcroute'; expected 'none', since a tunnel carries no multicast: remove it {where}",
         ),
         (

@@ -77,7 +77,7 @@ def _judge_reachable(context: CheckContext) -> Judgement:
 
 
 def _has_services(context: CheckContext) -> bool:
-    return context.observer.is_probed and bool(context.observer.plan.services_with_routing)
+    return context.observer.is_probed and bool(context.observer.plan.all_services)
 
 
 def _is_full(entry: ServiceState) -> bool:
@@ -137,7 +137,7 @@ def _service_down_parts(computer: str, service: str) -> Parts:
     when=_has_services,
     of_site=True,
     needs=lambda context: join_parts(
-        _service_down_parts(context.observer.name, service) for service in context.observer.plan.services_with_routing
+        _service_down_parts(context.observer.name, service) for service in context.observer.plan.all_services
     ),
 )
 def _judge_services(context: CheckContext) -> Judgement:
@@ -147,7 +147,7 @@ def _judge_services(context: CheckContext) -> Judgement:
         return Judgement(UNKNOWN, "the state of the services", "systemd did not tell it", unasked)
     parts: Parts = frozenset()
     broken, restarted = [], []
-    for name in context.observer.plan.services_with_routing:
+    for name in context.observer.plan.all_services:
         entry, unit = states.get(name), f"multimaster-{name}.service"
         if entry is None or entry.active_state != "active":
             broken.append(f"{unit} is {'unknown' if entry is None else _describe_state(entry)}")
@@ -163,7 +163,7 @@ def _judge_services(context: CheckContext) -> Judgement:
                 f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all{_describe_end(entry)}"
             )
             parts |= make_parts("service", context.observer.name, "restarting", what=unit)
-    expected = f"{', '.join(context.observer.plan.services_with_routing)} active"
+    expected = f"{', '.join(context.observer.plan.all_services)} active"
     if broken:
         return Judgement(FAILED, expected, ", ".join(broken), parts)
     return judge_fault(WARNING, f"{expected}, not started again", ", ".join(restarted), "all active", parts)

@@ -240,9 +240,7 @@ def _group_forwarders(context: CheckContext, one: str, other: str) -> list[str]:
     """List the computers that forward the group between two. A gateway also forwards what it sends or receives itself."""
     between = context.ways.list_forwarders(one, other)
     if not between and context.ways.robot_of(one) == context.ways.robot_of(other):
-        return [
-            place for place in (one, other) if (plan := context.fleet.computers.get(place)) and plan.multicast_routing
-        ]
+        return [place for place in (one, other) if (plan := context.fleet.computers.get(place)) and plan.passes_group]
     return between
 
 

@@ -108,7 +108,7 @@ def read_observation(
 def list_plan_names(fleet: FleetPlan) -> frozenset[str]:
     """List the names in the plan: of computers, masters, robots and services."""
     robots = {plan.robot for plan in fleet.computers.values()} | {master.robot for master in fleet.masters}
-    services = {name for plan in fleet.computers.values() for name in plan.services_with_routing}
+    services = {name for plan in fleet.computers.values() for name in plan.all_services}
     return frozenset({*fleet.computers, *robots, *services, *(master.name for master in fleet.masters)})
 
 

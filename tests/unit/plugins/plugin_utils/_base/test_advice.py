@@ -113,6 +113,7 @@ OTHERS = {
     "_verify/diagnose/node_remedies.py": "variables of ours; the unit is put in by advice.command",
     "_plan/preflight.py": "before and after a command of ours; the one with an interface is of advice.command",
     "_plan/providers.py": "before a command of ours",
+    "_features/multicast_routing/plan.py": "before a command of ours",
     "_plan/environment.py": "before a command of ours",
     "_plan/parameters.py": "before a command of ours",
     "_predict/prediction.py": "before a command of ours",

@@ -53,7 +53,7 @@ def test_words_of_plain_data():
     plain = to_plain(fleet_plan(multimaster_exports=[{"topics": ["/dabo/pose"]}]))
     assert plain["computers"]["tibi-laser"]["routes"] == [{"destination": "default", "gateway": "192.168.11.101"}]
     assert plain["computers"]["tibi-laser"]["common_address"] == ""
-    assert plain["computers"]["tibi-laser"]["multicast_routing"] == {}
+    assert "multicast_routing" not in plain["computers"]["tibi-laser"]
     assert "programs" not in plain["computers"]["tibi-laser"]
     assert plain["flows"][0]["from"] == ["dabo"]
 

@@ -33,7 +33,6 @@ PLAN = {
     "is_router": False,
     "sysctl": [],
     "routes_expected": [],
-    "multicast_routing": {},
     "roscore": "managed",
     "roscore_port": 11311,
     "ros_setup": "auto",
@@ -114,10 +113,9 @@ def test_a_machine_like_its_plan():
         from_plain(ComputerPlan, PLAN),
         programs=programs,
         packages=(),
-        multicast_routing_due=False,
         firewall_due=False,
         nft_missing=False,
-        features_due={f"{feature.name}_due": False for feature in FEATURES},
+        features_due={f"{feature.name}_due": False for feature in FEATURES if "plan" in feature.hooks},
     )
     assert compare() == preflight.Comparison((), (), plan, preflight.MachineState())
 
@@ -401,46 +399,10 @@ def test_what_is_below_a_macvlan_without_an_address_is_muted(addresses, muted):
 
 
 def test_the_plan_gets_the_names_of_the_interfaces():
-    routing = {"group": "239.255.0.1", "addresses": ["192.168.11.101", "192.168.1.201"]}
     sysctl = [{"name": "net.ipv4.conf.{common}.send_redirects", "value": "0"}]
-
-    def change(info):
-        two_interfaces(info)
-        info["multicast_routing"] = {"smcrouted": "/usr/sbin/smcrouted", "others": []}
-
-    found = compare(change, **GATEWAY, multicast_routing=routing, sysctl=sysctl)
+    found = compare(two_interfaces, **GATEWAY, sysctl=sysctl)
     assert found.problems == ()
-    assert found.plan.multicast_routing.interfaces == ("eth1.5", "eth0")
     assert found.plan.sysctl == (Setting("net.ipv4.conf.eth0.send_redirects", "0"),)
-
-
-@pytest.mark.parametrize(
-    ("found", "expected"),
-    [
-        ({"smcrouted": "", "others": []}, "there is no smcrouted; .*apt-get install smcroute"),
-        ({"smcrouted": "/usr/sbin/smcrouted", "others": ["pimd.service"]}, "pimd.service passes multicast on already"),
-    ],
-)
-def test_what_stands_against_multicast_routing(found, expected):
-    def change(info):
-        two_interfaces(info)
-        info["multicast_routing"] = found
-
-    routing = {"group": "239.255.0.1", "addresses": ["192.168.11.101", "192.168.1.201"]}
-    (problem,) = compare(change, **GATEWAY, multicast_routing=routing).problems
-    assert re.search(expected, problem)
-
-
-def test_multicast_routing_needs_two_interfaces():
-    def change(info):
-        info["interfaces"][1]["addresses"] = [
-            {"address": entry["address"], "prefix": 24} for entry in GATEWAY["networks"]
-        ]
-        info["multicast_routing"] = {"smcrouted": "/usr/sbin/smcrouted", "others": []}
-
-    routing = {"group": "239.255.0.1", "addresses": ["192.168.11.101", "192.168.1.201"]}
-    (problem,) = compare(change, **GATEWAY, multicast_routing=routing).problems
-    assert "both its addresses are on eth0" in problem
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import subprocess
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction.units import files_read
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._features.multicast_routing import files
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import quotes, units
 
 GOLDEN = pathlib.Path(__file__).resolve().parents[3] / "golden/multicast_routing"
@@ -145,7 +146,7 @@ def test_the_own_address_route_is_found_by_its_mark():
 def test_no_unit_waits_for_a_network():
     """A target of the network is reached late or never on a robot that is switched on alone."""
     texts = [*made(["address", "roscore", "discovery", "sync"]).values()]
-    texts.append(units.render_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed")["content"])
+    texts.append(files.render_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed")["content"])
     assert len(texts) == 5
     for text in texts:
         assert not re.search(
@@ -173,19 +174,6 @@ def test_the_watchdog_judges_what_gives_signs_of_life():
     text = made(names, programs=programs)["multimaster-watchdog.service"]
     (judged,) = re.findall(r"end_hangs import main; main.*?' (.*)", text)
     assert judged.split() == [f"multimaster-{name}.service" for name in ("roscore", "discovery", "connections", "sync")]
-
-
-def test_the_multicast_router():
-    unit = units.render_router("tibi", "239.255.11.11", INTERFACES, "/usr/sbin/smcrouted", "feed")
-    assert unit["content"] == (GOLDEN / unit["name"]).read_text(encoding="utf-8")
-    routes = units.render_routes("tibi", "239.255.11.11", INTERFACES)
-    assert routes == (GOLDEN / "smcroute.conf").read_text(encoding="utf-8")
-
-
-def test_names_of_interfaces_are_arguments_and_no_commands():
-    unit = units.render_router("tibi", "239.255.11.11", ["eth0;reboot", 'a"$(id)%n'], "/usr/sbin/smcrouted", "feed")
-    assert 'exit 1\' sh "eth0;reboot" "a\\"$$(id)%%n"\n' in unit["content"]
-    assert unit["content"].count("reboot") == 1
 
 
 @pytest.mark.parametrize("path", ["+/bin/sh", "/tmp/x\nExecStartPre=+/bin/sh", "bin/roscore", ""])
@@ -254,7 +242,7 @@ def _files(tmp_path, monkeypatch):
         {**unit, "name": unit["name"].replace(".service", "-upstream.service")}
         for unit in units.render_services(["roscore", *upstream], programs=upstream, **options)
     ]
-    made.append(units.render_router("tibi", "239.255.11.11", INTERFACES, "/bin/true", "feed"))
+    made.append(files.render_router("tibi", "239.255.11.11", INTERFACES, "/bin/true", "feed"))
     for unit in made:
         (tmp_path / unit["name"]).write_text(unit["content"], encoding="utf-8")
     return sorted(tmp_path.iterdir())
