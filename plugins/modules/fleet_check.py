@@ -91,11 +91,12 @@ found:
   description:
     - "The state of the machine, for a run that changes nothing: C(set_up) says whether the collection has records there, C(runs) and
       C(noted) are sentences about other programs on the ports of the plan and about all other problems, C(overlaps) names the
-      interfaces that lead into the network of another robot, C(warned) has the warnings, C(broken_ros) says why
+      interfaces that lead into the network of another robot, C(warned) has the warnings, C(set_by) the line of a person that sets a variable
+      of ROS to another value, C(broken_ros) says why
       nodes of the ROS that is there cannot start, C(environment) is that of ROS where no file of ours has it."
   returned: when nothing is refused
   type: dict
-  sample: {set_up: true, runs: [], noted: [], overlaps: [], warned: [], broken_ros: "", environment: {}}
+  sample: {set_up: true, runs: [], noted: [], overlaps: [], warned: [], set_by: {}, broken_ros: "", environment: {}}
 sysctl:
   description: The kernel settings of the plan, for example; see RV(rosfleet.multimaster.fleet_plan#module:computers) for all keys.
   returned: when nothing is refused

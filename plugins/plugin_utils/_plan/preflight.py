@@ -47,6 +47,9 @@ class MachineState:
     noted: tuple[str, ...] = ()  # the other problems: sentences too
     overlaps: tuple[str, ...] = ()  # each interface that leads into another robot's network, in words
     warned: tuple[str, ...] = ()  # what only deserves a word: sentences too
+    set_by: Mapping[str, str] = field(
+        default_factory=dict
+    )  # variable -> the line of a person that sets it to something else
     broken_ros: str = ""  # why nodes of the ROS that is installed cannot start; a sentence
     # Of ROS, as our file would have it. Empty where that file is there.
     environment: Mapping[str, str] = field(default_factory=dict)
@@ -102,6 +105,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
         noted=tuple(problems),
         overlaps=tuple(map(str, overlapping[: overlaps.MOST])),
         warned=tuple(warnings),
+        set_by=_list_lines(plan, info),
         broken_ros=broken_ros,
         environment=_list_environment(plan, info),
     )
@@ -525,6 +529,15 @@ def _check_exports(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]
                 f"{plan.computer}: {_describe_export(export)}; expected "
                 "that only the collection sets it: shells that read this file differ from the services; remove the line."
             )
+
+
+def _list_lines(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return the line of a person for each variable of the plan's that it sets to another value; of several the last."""
+    return {
+        quote(export["variable"]): f"{quote(export['file'])}, line {export['line']}"
+        for export in info.get("exports") or ()
+        if export["line"] and plan.environment.get(export["variable"]) != export["value"].rstrip("/")
+    }
 
 
 def _describe_export(export: Mapping[str, Any]) -> str:

@@ -55,11 +55,16 @@ def _unset(one: Misplaced) -> str:
 
 def _describe_shell(one: Misplaced, computer: Participant) -> Advices:
     where = f" ({one.process.unit})" if one.process.unit else ""
-    return (
-        Advice(
-            computer.name, _unset(one), f"in the shell that has started {one.node}{where}; then start it again there"
-        ),
-    )
+    effect = f"in the shell that has started {one.node}{where}; then start it again there"
+    return (Advice(computer.name, _unset(one), effect), *_find_line(one, computer))
+
+
+def _find_line(one: Misplaced, computer: Participant) -> Advices:
+    """Say which line of a person's files sets the variable: the next shell has it again."""
+    variable = "ROS_MASTER_URI" if one.mode in ("robot", "master") else one.process.source
+    found = computer.seen.found
+    line = found.set_by.get(variable, "") if found is not None else ""
+    return (Advice(HANDS, f"remove the line that sets {variable} on {computer.name}: {line}"),) if line else ()
 
 
 def _describe_unit(one: Misplaced, computer: Participant) -> Advices:
@@ -82,6 +87,7 @@ def _describe_launch(one: Misplaced, computer: Participant) -> Advices:
     return (
         Advice(HANDS, f"take {names} out of {file} on {computer.name} (<env name=...>)"),
         Advice(computer.name, _unset(one), "in the shell or unit that starts roslaunch; then start it again"),
+        *_find_line(one, computer),
     )
 
 

@@ -181,4 +181,5 @@ def read_preflight(variables: Mapping[str, Any], name: str, names: Collection[st
         for part in ("runs", "noted", "overlaps", "warned", "broken_ros")
         if part in state
     }
-    return from_plain(MachineState, {**quote_texts(state, names=names), **sentences})
+    lines = {"set_by": plain_data(state["set_by"], LINE)} if "set_by" in state else {}
+    return from_plain(MachineState, {**quote_texts(state, names=names), **sentences, **lines})

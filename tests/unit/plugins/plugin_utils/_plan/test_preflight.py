@@ -326,6 +326,8 @@ def test_what_a_shell_has_is_told_with_its_person_also_without_a_line():
     assert mentions(found, "/home/a/robot_env.sh, line 2", "login", "ann", "ROS_IP=10.0.0.5")
     (found,) = compare(lambda info: info["exports"].append({**asked, "file": "", "line": 0})).warnings
     assert mentions(found, "login", "ann", "ROS_IP=10.0.0.5") and "line 0" not in found
+    told = compare(lambda info: info["exports"].append(asked)).state
+    assert told.set_by == {"ROS_IP": "/home/a/robot_env.sh, line 2"}
 
 
 def test_an_export_of_the_planned_value_is_no_matter():

@@ -5,6 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import write_advices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
     NodeHost,
@@ -44,6 +45,19 @@ def _remedy(**process):
 def test_the_remedy_is_for_what_has_started_the_node(process, words):
     remedy = _remedy(**process)
     assert [word for word in words if word not in remedy] == [], remedy
+
+
+def test_the_line_that_sets_the_variable_is_named():
+    found = MachineState(set_by={"ROS_IP": "/home/ann/robot_env.sh, line 2"})
+
+    def change(seen):
+        values = {"host": "127.0.0.1", "source": "ROS_IP", "ports": (41233,), "node": "base", "starter": "shell"}
+        update(seen[TWO], found=found)
+        update(seen[TWO].probe, node_hosts=[NodeHost(**values)])
+        update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/kobuki2/base", "127.0.0.1", 41233)])
+
+    (finding,) = [entry for entry in diagnosed(change).findings if entry.part.kind == "node"]
+    assert f"remove the line that sets ROS_IP on {TWO}: /home/ann/robot_env.sh, line 2" in write_advices(finding.do)
 
 
 @pytest.mark.parametrize("unit", ["x;reboot.service", "$(reboot).service"])
