@@ -107,8 +107,8 @@ def open_door(path: str) -> socket.socket:
     for _rival in range(RIVALS):
         try:
             return _bind(path)
-        except FileNotFoundError:
-            pass  # the last one that has ended has just removed the folder
+        except (FileNotFoundError, FileExistsError):
+            pass  # the last one that has ended has just removed the folder, before our look at it or after it
         except OSError as problem:
             if problem.errno != errno.EADDRINUSE:
                 raise
