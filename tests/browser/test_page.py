@@ -157,6 +157,8 @@ def test_the_keyboard_leads_from_the_picture_to_the_evidence(browser, pages):
     top = browser.js(f"document.querySelector('{href}').getBoundingClientRect().top")
     assert 0 <= top < 900
     browser.press("Tab", 9)
+    assert focused(browser)[1] == browser.js(f"document.querySelector('{href} a').href")  # the page of its id
+    browser.press("Tab", 9)
     assert focused(browser)[0] == "summary"
     browser.press("Enter", 13)
     assert browser.js(f"document.querySelector('{href} details').open")
