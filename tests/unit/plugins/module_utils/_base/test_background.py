@@ -3,6 +3,7 @@
 
 """Doors of processes that outlive their module: an older process has put its own away before a new one opens."""
 
+import tempfile
 import threading
 import time
 
@@ -14,9 +15,11 @@ from mentioned import mentions
 
 
 @pytest.fixture(name="path")
-def fixture_path(tmp_path, monkeypatch):
-    monkeypatch.setattr(background, "FOLDER", str(tmp_path / "doors"))
-    return background.path_of("test", "run")
+def fixture_path(monkeypatch):
+    """A door below /tmp itself: with pytest's folders, and a user of a long name, it would have more than 107 letters."""
+    with tempfile.TemporaryDirectory() as folder:
+        monkeypatch.setattr(background, "FOLDER", f"{folder}/doors")
+        yield background.path_of("test", "run")
 
 
 def leave(door, path, pause=0.0):

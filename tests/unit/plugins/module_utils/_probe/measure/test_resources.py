@@ -56,7 +56,8 @@ def _find_limits(limit, listens, variables, *words):
     """Look at this machine while a process has such a limit, and return what is told of it."""
     argv = [PROGRAM, "-c", NODE, str(limit), listens, *words]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen(argv, executable=sys.executable, env=variables, **pipes) as process:
+    home = {"PYTHONHOME": sys.base_prefix}  # it would be looked for by the name of the program
+    with subprocess.Popen(argv, executable=sys.executable, env={**variables, **home}, **pipes) as process:
         assert process.stdout.readline() == b"ready\n"
         assert processes.file_limit(process.pid) == limit
         found = [entry["node"] for entry in resources.file_limits() if entry["limit"] == limit]
