@@ -46,10 +46,12 @@ class ActionModule(FleetAction):
         Display().display(plain_lines(progress.describe_progress(reports, seconds, told)))
         events = progress.list_events(reports)
         lost = sum(len(report.lost) for report in reports.values())
-        first = plain(progress.describe_first_loss(events), LINE)
+        loss = progress.find_first_loss(events)
+        first = plain(loss.sentence, LINE) if loss else ""
         return {
             "lost": lost,
             "first_loss": first,
+            "advice": plain_data(loss.advice) if loss else {},
             "events": plain_data([{"observer": host, **vars(event)} for host, event in events]),
             "known": {
                 **{host: len(report.events) for host, report in reports.items()},

@@ -52,7 +52,14 @@ first_loss:
   description: When and where something was lost first, empty if nothing was.
   returned: success
   type: str
-  sample: "First loss at 12:31:05, 4:21 after the start: dabo-nav hears no heartbeat of tibi-nav on the group."
+  sample: "First loss at 12:31:05, 4:21 after the start: dabo-nav hears no heartbeat of tibi-nav on the group [RF-813]."
+advice:
+  description:
+    - For the first loss, its C(id), the C(page) about it, and what to C(do) and to C(look) at, as M(rosfleet.multimaster.fleet_report) has them.
+    - Empty if nothing was lost.
+  returned: success
+  type: dict
+  sample: {}
 events:
   description: What was lost and what has returned on all computers, in the order of time.
   returned: success

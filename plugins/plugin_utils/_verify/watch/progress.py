@@ -14,8 +14,9 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
+from typing import Any
 
-from ..._faults.fault import Fault
+from ..._faults.fault import Fault, list_advices
 from ..._faults.foreseen import LOSSES, SUMMARIES, WATCHED
 
 UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86400}
@@ -121,25 +122,47 @@ def find_loss(kind: str) -> Fault:
     return LOSSES.get((WATCHED, kind), SUMMARIES[WATCHED, "value"])
 
 
+@dataclass(frozen=True)
+class FirstLoss:
+    """The first loss of a watch: its sentence, its row in the table of faults, and the computer of what is to be done."""
+
+    sentence: str
+    fault: Fault
+    observer: str
+
+    @property
+    def advice(self) -> dict[str, Any]:
+        """What to do and what to look at, as plain data."""
+        do, look = (self.fault.fill(one, (self.observer,), "") for one in (self.fault.do, self.fault.look))
+        return {"id": self.fault.id, "page": self.fault.page, "do": list_advices(do), "look": list_advices(look)}
+
+
 def describe_first_loss(events: Sequence[tuple[str, Event]]) -> str:
-    """Say when and where the first loss was; empty where nothing was lost.
+    """Say when and where the first loss was; empty where nothing was lost."""
+    first = find_first_loss(events)
+    return first.sentence if first else ""
+
+
+def find_first_loss(events: Sequence[tuple[str, Event]]) -> FirstLoss | None:
+    """Find the first loss; None where nothing was lost.
 
     Several values may be lost together. The one nearest to the reason is named: a link before the heartbeats that come by it.
     """
     losses = [(observer, event) for observer, event in events if not event.well]
     if not losses:
-        return ""
+        return None
     begin = losses[0][1]
     together = [entry for entry in losses if entry[1].time <= begin.time + TOGETHER]
     when = f"First loss at {_time(begin.time)}, {format_duration(begin.after)} after the start"
     observers = {observer for observer, event in together}
     kinds = {event.kind for _observer, event in together}
     masters = {event.name for _observer, event in together}
+    observer, event = min(together, key=lambda entry: RANKS.get(entry[1].kind, len(RANKS)))
     if GROUP in kinds and kinds <= {GROUP, MASTER} and len(observers) > 1 and len(masters) > 1:
         row = SUMMARIES[WATCHED, "snooping"]
-        return f"{when}: {row.sentence.format(what=len(observers))} [{row.id}]"
-    observer, event = min(together, key=lambda entry: RANKS.get(entry[1].kind, len(RANKS)))
-    return f"{when}: {_place(observer, event, together)} [{find_loss(event.kind).id}]."
+        return FirstLoss(f"{when}: {row.sentence.format(what=len(observers))} [{row.id}]", row, observer)
+    row = find_loss(event.kind)
+    return FirstLoss(f"{when}: {_place(observer, event, together)} [{row.id}].", row, observer)
 
 
 def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -> str:

@@ -48,6 +48,7 @@ def test_the_first_loss_has_our_words_and_names_without_quotes(watch):
     result, shown = watch({"tibi": LOST, "dabo": WELL})
     assert "the link eth0 of tibi is down, and was up" in result["first_loss"] and '"' not in result["first_loss"]
     assert (result["lost"], result["known"]) == (1, {"tibi": 1, "dabo": 0}) and "tibi is down" in shown
+    assert result["advice"]["id"] == "RF-803" and result["advice"]["look"][0]["where"] == "tibi"
 
 
 def test_who_does_not_answer_any_more_is_told(watch):
