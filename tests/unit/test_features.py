@@ -43,9 +43,8 @@ def remove(root, feature):
             *root.glob(f"{tree}/*/_features/{feature.name}"),
             *(root / tree / room for room in feature.rooms),
         ):
-            shutil.rmtree(folder)
-    if (root / "roles" / feature.name).exists():
-        shutil.rmtree(root / "roles" / feature.name)
+            shutil.rmtree(folder, ignore_errors=not folder.exists())
+    shutil.rmtree(root / "roles" / feature.name, ignore_errors=bool(feature.rooms))
     remove_hooks(root, {pathlib.Path(room).name for room in feature.rooms})
     for file in feature.plugins:
         (root / "plugins" / file).unlink()
@@ -64,18 +63,17 @@ def remove(root, feature):
 
 
 def remove_hooks(root, rooms):
-    """Take rooms out of the table of rooms, and what other features add to them."""
-    page = root / "plugins/plugin_utils/README.md"
-    lines = page.read_text().splitlines(keepends=True)
-    added = [line for line in lines if re.match(r"\| `\w+` \| `(\w+)` \|", line) and line.split("`")[3] in rooms]
-    page.write_text(
-        "".join(line for line in lines if line not in added and line.split("`")[1:2] not in [[room] for room in rooms])
-    )
+    """Take rooms out of the tables of rooms, and what other features add to them."""
     table = root / "plugins/plugin_utils/_base/features.py"
-    for file in (line.split("`")[1] for line in added):
-        table.write_text(table.read_text().replace(f', "{file}"', ""))
-        for path in root.glob(f"**/_features/*/*{file}.py"):
-            path.unlink()
+    for page in root.glob("plugins/*/README.md"):
+        lines = page.read_text().splitlines(keepends=True)
+        own = [line for line in lines if line.startswith("| `") and line.split("`")[1] in rooms]
+        added = [line for line in lines if re.match(r"\| `\w+` \| `(\w+)` \|", line) and line.split("`")[3] in rooms]
+        page.write_text("".join(line for line in lines if line not in (*own, *added)))
+        for file in (line.split("`")[1] for line in added):
+            table.write_text(table.read_text().replace(f', "{file}"', ""))
+            for path in root.glob(f"**/_features/*/*{file}.py"):
+                path.unlink()
 
 
 @pytest.mark.slow

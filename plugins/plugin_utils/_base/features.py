@@ -65,6 +65,15 @@ FEATURES = (
         rooms=("plugin_utils/_adopt",),
         plugins=("action/fleet_adopt.py", "modules/fleet_adopt.py"),
     ),
+    Feature(
+        "watch",
+        hooks=(),
+        rooms=("plugin_utils/_verify/watch", "module_utils/_probe/watch"),
+        plugins=(
+            *("action/fleet_watch.py", "action/multimaster_watch.py", "filter/watch_rounds.py"),
+            *("modules/fleet_watch.py", "modules/multimaster_watch.py"),
+        ),
+    ),
 )
 
 
