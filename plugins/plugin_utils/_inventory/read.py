@@ -305,11 +305,12 @@ def _find_ambiguous_names(fleet: Fleet) -> Iterator[str]:
         if each.address:
             aliases.setdefault(each.name, each.variables.aliases or ())
     for computer, others in aliases.items():
-        first = talkers.setdefault(re.sub(r"\W", "_", computer), computer)
+        in_ros = re.sub(r"\W", "_", computer)
+        first = talkers.setdefault(in_ros, computer)
         if first != computer:
             yield (
-                f"{computer}: its name differs from {first} in signs alone, and names of ROS have only _ for each of them; expected names that "
-                "differ in letters or digits, or the verification would take one for the other: rename one."
+                f"{computer}: it and {first} both become {in_ros} in ROS, so the verification would take one for the other; expected names "
+                "that differ in letters or digits: rename one of them."
             )
         for name in (computer, *others):
             first = owner.setdefault(name.lower(), computer)

@@ -186,7 +186,8 @@ def find_differences(
             if not arrives:
                 differences.append(
                     f"{name} is {'not set' if actual is None else quote(actual)} in {TITLES[what]}, expected "
-                    f"{'it not to be set' if expected is None else quote(expected)}: something is read after {path}."
+                    f"{'it not to be set' if expected is None else quote(expected)}: a file that is read after {path} sets it: "
+                    f"grep -rn {name} /etc/profile.d /etc/bash.bashrc /etc/environment ~/.bashrc ~/.profile."
                 )
     return differences
 

@@ -466,7 +466,7 @@ def test_names_that_are_one_in_names_of_ros_are_refused(other, clashes):
     except fleet_module.InventoryProblems as wrong:
         found = wrong.problems
     assert [problem.partition(", ")[0] for problem in found] == (
-        ["robot.a: its name differs from robot-a in signs alone"] if clashes else []
+        ["robot.a: it and robot-a both become robot_a in ROS"] if clashes else []
     )
 
 
