@@ -594,6 +594,23 @@ traffic:
     seconds: {description: The time between the two readings., returned: always, type: float}
     flows: {description: 'The topics of each node that subscribers on another robot get, those with most bytes first, 200
           at most.', returned: always, type: list, elements: dict}
+relays:
+  description: 'The relays of other robots with which the relay of this robot has a channel by O(parameters.master_relay):
+    are they reached, and the ports of their data.'
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - {robot: kobuki2, host: 192.168.1.239, port: 11911, outcome: answered, data_port: 40811, data_outcome: open, error: ''}
+  contains:
+    robot: {description: The robot., returned: always, type: str}
+    host: {description: Its address., returned: always, type: str}
+    port: {description: The TCP port of its relay., returned: always, type: int}
+    outcome: {description: 'What became of the question what it offers, V(answered), or as RV(masters[].outcome).', returned: always,
+        type: str}
+    data_port: {description: 'The TCP port of its data, as it answers, or 0.', returned: always, type: int}
+    data_outcome: {description: 'What a TCP connection to that port gave, as RV(masters[].outcome).', returned: always, type: str}
+    error: {description: 'Why one of the two failed, or empty.', returned: always, type: str}
 parameters:
   description: The parameters of the nodes on the roscore, compared with O(parameters).
   returned: when O(action=collect)

@@ -165,6 +165,20 @@ class UnreachedNode(Struct):
     outcome: Outcome = field("The same as one word of RV(masters[].outcome).", "no_answer")
 
 
+class SeenRelay(Struct):
+    """The relay of another robot, as that of this robot reaches it."""
+
+    robot: str = field("The robot.", "kobuki2", needed=True)
+    host: str = field("Its address.", "192.168.1.239")
+    port: int = field("The TCP port of its relay.", 11911)
+    outcome: Outcome = field(
+        "What became of the question what it offers, V(answered), or as RV(masters[].outcome).", "answered"
+    )
+    data_port: int = field("The TCP port of its data, as it answers, or 0.", 40811)
+    data_outcome: Outcome = field("What a TCP connection to that port gave, as RV(masters[].outcome).", "open")
+    error: str = field("Why one of the two failed, or empty.", "")
+
+
 class AnnouncedHost(Struct):
     """An own node of a robot that announces a host which the plan does not have for its robot, or services elsewhere."""
 

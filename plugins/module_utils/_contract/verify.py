@@ -18,6 +18,7 @@ from .ros import (
     NodeParameters,
     NodeTraffic,
     RoscoreAnswer,
+    SeenRelay,
     Stream,
     Talker,
 )
@@ -65,6 +66,10 @@ class Probe(Struct, returned="when O(action=collect)"):
     traffic: NodeTraffic = field(
         "What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters (C(getBusStats)) were read "
         "twice."
+    )
+    relays: typing.Tuple[SeenRelay, ...] = field(
+        "The relays of other robots with which the relay of this robot has a channel by O(parameters.master_relay): are they reached, and "
+        "the ports of their data."
     )
     parameters: NodeParameters = field("The parameters of the nodes on the roscore, compared with O(parameters).")
     clock: ClockState = field("The clock of this computer.")

@@ -92,6 +92,11 @@ def look_outsiders(params: Params) -> typing.List[Result]:
     return masters.outsiders(own[0]) if own else []
 
 
+def look_relays(params: Params) -> typing.List[Result]:
+    """Ask the relays with which that of this robot has channels."""
+    return masters.relays((params["parameters"] or {}).get("master_relay"))
+
+
 def look_sources(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
     robots = {member["name"]: member["robot"] for member in params["members"]}
     return sources.sources(ros, params["masters"], robots, params["name"], list_talkers(params), deadline)
@@ -181,6 +186,7 @@ PARTS = (
         final=True,
     ),
     Part("parameters", parameters.parameters, ("ros", "parameters", "crossing"), final=True),
+    Part("relays", look_relays, ("params",), final=True),
     *PROBES,
     Part("changes", changes.changes, on_router=True),
     Part("disks", resources.disks, ("services",), on_router=True),

@@ -1,23 +1,26 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The discovery nodes of masters: the TCP port, and the clock."""
+"""The discovery nodes of masters, with their TCP ports and clocks; and the relays of other robots."""
 
 import time
 import typing
 import xmlrpc.client
 
-from ..._base.deadlines import poll
-from ..._base.plain_text import quote
+from ..._base.deadlines import call_all, poll
+from ..._base.plain_text import plain, quote
 from ..._base.problem import tell_reason
 from ..._contract.outcomes import Outcome
+from ..._contract.ros import SeenRelay
 from ..._machine import network as machine
-from ..._machine.outcomes import connect
+from ..._machine.outcomes import classify_error, connect
 from ..multicast.helper import LATEST
 from ..ros_client.hosts import port_of
 from ..ros_client.xml_rpc import server
 from . import network
 
+RELAYS = 20.0  # seconds for all relays
+MOST_RELAYS, MOST_HOSTS = 64, 4  # relays that are asked, and addresses of one
 CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second
 
 
@@ -51,6 +54,39 @@ def _roscore(master: typing.Dict[str, typing.Any]) -> typing.Tuple[str, str]:
         return "", Outcome.NOT_TRIED.value
     answer = _connect(master.get("roscore") or master["address"], port)
     return "open" if answer["open"] else answer["error"], answer["outcome"]
+
+
+def relays(planned: typing.Optional[typing.Mapping[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
+    """Ask the relays of other robots what they offer, as the relay here does, and try the ports of their data. `planned`: its parameters."""
+    robot = str((planned or {}).get("robot", ""))
+    places = {
+        str(channel["peer"]): (list(map(str, channel["hosts"])), int(channel["port"]))
+        for channel in (planned or {}).get("channels", ())
+    }
+    rows = [(peer, hosts[:MOST_HOSTS], port) for peer, (hosts, port) in sorted(places.items())[:MOST_RELAYS]]
+    answers = call_all(lambda row: _ask_relay(robot, *row), rows, RELAYS, lambda row: None)
+    return [answer for answer in answers if answer is not None]
+
+
+def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) -> typing.Dict[str, typing.Any]:
+    """Ask a relay at the first of its addresses at which it answers."""
+    found = SeenRelay(
+        peer, port=port, outcome=Outcome.NOT_TRIED.value, data_outcome=Outcome.NOT_TRIED.value, data_port=0
+    ).plain()
+    for host in hosts:
+        found.update(host=plain(host))
+        try:
+            found["data_port"] = int(server(f"http://{host}:{port}/").rosfleetOffers(robot, "", 0.0)[1])
+        except OSError as problem:
+            found.update(outcome=classify_error(problem)[0].value, error=plain(problem.strerror or str(problem)))
+        except Exception as problem:  # any: it is another computer's answer
+            found.update(outcome=Outcome.FAILED.value, error=plain(str(problem)) or type(problem).__name__)
+        else:
+            answer = connect(host, found["data_port"], CONNECT) if 0 < found["data_port"] < 65536 else None
+            data = answer.outcome if answer else Outcome.FAILED
+            error = "" if data == Outcome.OPEN else plain(answer.words) if answer else "its port is none"
+            return dict(found, outcome=Outcome.ANSWERED.value, data_outcome=data.value, error=error)
+    return found
 
 
 def outsiders(monitor_uri: str) -> typing.List[typing.Dict[str, str]]:

@@ -17,6 +17,7 @@ from ..context.check_context import CheckContext
 from ..context.needs import Parts, join_parts, make_parts
 from ..context.registrations import RELAY, TEST_NODES
 from ..observe.observations import ServiceState
+from ..observe.outcomes import Outcome
 from .engine import FAILED, MASTER, Check, Judgement, judge_fault
 
 DIAGNOSTICS = "/diagnostics"  # the relay has something to say itself
@@ -149,6 +150,42 @@ def _find_other_types(context: CheckContext) -> list[str]:
     return sorted(set(found))
 
 
+def _find_unreached(context: CheckContext) -> tuple[str, Parts]:
+    """Find why the relay of the target's robot is not reached, or the port of its data: in words, and the parts that are sure."""
+    own, its = context.masters
+    row = next((one for one in context.probe.relays if one.robot == context.robots[1]), None)
+    if row is None or row.outcome == Outcome.NOT_TRIED:
+        return "", frozenset()
+    is_data = row.outcome == Outcome.ANSWERED
+    outcome, port = (row.data_outcome, row.data_port) if is_data else (row.outcome, row.port)
+    if outcome == Outcome.OPEN:
+        return "", frozenset()
+    found = f"{'the port of its data' if is_data else 'its port'} {port}: {row.error or outcome.value}"
+    broken = find_broken_relay(context, its)
+    if broken:
+        return found, broken
+    if outcome == Outcome.REFUSED and not is_data:
+        return found, make_parts("service", its, "down", what=UNIT)
+    drop = context.state.filters.find_drop(own, its, "nodes", port)
+    if drop is not None:
+        return found, frozenset({drop})
+    return found, make_parts(
+        "node", its, "fenced", what=RELAY
+    ) if outcome == Outcome.NO_ANSWER and is_data else frozenset()
+
+
+@Check(
+    title="relay of the other robot is reached, and the port of its data",
+    scope=MASTER,
+    suspects=_suspects,
+)
+def _judge_relay_reached(context: CheckContext) -> Judgement | None:
+    if not any(one.robot == context.robots[1] for one in context.probe.relays):
+        return None
+    found, broken = _find_unreached(context)
+    return judge_fault(FAILED, "an answer, and an open port", found, "both", broken)
+
+
 @Check(
     title="topics that cross by the relay have one type",
     scope=MASTER,
@@ -175,5 +212,5 @@ def _judge_relay(context: CheckContext) -> Judgement | None:
     parts = [("not there", missing), ("there without an owner", more)]
     found = "; ".join(f"{words}: {shorten_list(topics, NAMED)}" for words, topics in parts if topics)
     lacking = Component.from_pair("relay", "lacking", *context.robots, what=shorten_list(missing or more, NAMED))
-    broken = find_broken_relay(context, *context.masters) or frozenset({lacking})
+    broken = find_broken_relay(context, *context.masters) or _find_unreached(context)[1] or frozenset({lacking})
     return judge_fault(FAILED, "what the channels take across", found, "just that", broken)

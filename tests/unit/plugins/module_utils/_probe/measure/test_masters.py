@@ -102,3 +102,41 @@ def test_discovery_that_comes_late_is_awaited():
         began = time.monotonic()
         found.update(poll(lambda: masters._connect("127.0.0.1", port), lambda seen: seen["open"], began + 10))
         assert found["open"] and time.monotonic() - began < 5
+
+
+def ask_relay(answer, hosts=("127.0.0.1",)):
+    """The row of a relay with this answer."""
+    with xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+        asked = []
+        server.register_function(lambda *words: asked.append(words) or answer, "rosfleetOffers")
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        channel = {"peer": "kobuki2", "hosts": list(hosts), "port": server.server_address[1]}
+        (row,) = masters.relays({"robot": "kobuki1", "channels": [channel, channel]})
+        server.shutdown()
+        thread.join()
+    assert set(asked) <= {("kobuki1", "", 0.0)}
+    return row
+
+
+def test_a_relay_and_the_port_of_its_data():
+    with socket.socket() as data:
+        data.bind(("127.0.0.1", 0))
+        port = data.getsockname()[1]
+        row = ask_relay(["1", port, []])
+        assert (row["outcome"], row["data_port"], row["data_outcome"]) == ("answered", port, "refused")
+        data.listen(1)
+        row = ask_relay(["1", port, []])
+        assert (row["outcome"], row["data_outcome"], row["error"]) == ("answered", "open", "")
+
+
+@pytest.mark.parametrize("answer", [[], ["1", "x", []], ["1", -4, []], ["1", 99999, []], 7, {}])
+def test_another_answer_of_a_relay_is_told_as_one(answer):
+    row = ask_relay(answer)
+    assert row["outcome"] in ("failed", "answered") and row["data_outcome"] in ("failed", "not_tried") and row["error"]
+
+
+def test_without_channels_no_relay_is_asked():
+    assert masters.relays(None) == masters.relays({}) == masters.relays({"robot": "a", "channels": []}) == []
+    (row,) = masters.relays({"robot": "a", "channels": [{"peer": "b", "hosts": ["127.0.0.1"], "port": 1}]})
+    assert (row["outcome"], row["data_outcome"]) == ("refused", "not_tried")

@@ -38,7 +38,18 @@ def test_everything_is_checked_and_good():
     between_networks = {"forwarding", "reverse_path", "redirects", "next_boot_route", "outer_route"}
     only_where_something_failed = {"tcp_answer", "set_up"}
     only_if_wanted = {
-        *("throughput", "sealed", "copies", "time_source", "own_tunnel", "guard", "tunnel", "relay", "relay_types"),
+        *(
+            "throughput",
+            "sealed",
+            "copies",
+            "time_source",
+            "own_tunnel",
+            "guard",
+            "tunnel",
+            "relay",
+            "relay_types",
+            "relay_reached",
+        ),
         "arp_filter",  # where nft is there
         "simulated_time",  # where a roscore says so
     }

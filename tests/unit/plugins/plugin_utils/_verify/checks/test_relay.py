@@ -9,6 +9,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     NodeParameters,
     ParameterDifference,
     RegisteredTopic,
+    SeenRelay,
     ServiceState,
     SilentNode,
 )
@@ -144,3 +145,28 @@ def test_a_topic_with_another_type_on_the_other_side_is_named():
     told = tell(**{**crossed, "robot": [*crossed["robot"], ("/x", DRIVE, "/master_relay")]})
     found = [one for one in told.findings if one.part.kind == "messages"]
     assert len(found) == 1 and "/kobuki1/cmd_vel" in found[0].sentence() and "TwistStamped" in found[0].sentence()
+
+
+@pytest.mark.parametrize(
+    ("row", "part"),
+    [
+        (
+            SeenRelay("kobuki1", outcome=Outcome.ANSWERED, data_port=40811, data_outcome=Outcome.NO_ANSWER),
+            ("node", "fenced"),
+        ),
+        (
+            SeenRelay("kobuki1", outcome=Outcome.REFUSED, data_port=0, data_outcome=Outcome.NOT_TRIED),
+            ("service", "down"),
+        ),
+    ],
+)
+def test_a_relay_whose_data_does_not_cross_is_named_also_if_all_is_registered(row, part):
+    (finding,) = tell_with(lambda seen: update(seen[STATION].probe, relays=(row,)), **CROSSED).findings
+    assert (finding.part.kind, finding.part.mode, finding.part.place) == (*part, ROBOT)
+    (finding,) = tell_with(lambda seen: update(seen[STATION].probe, relays=(row,)), **LACKING).findings
+    assert (finding.part.kind, finding.part.mode, finding.part.place) == (*part, ROBOT)
+
+
+def test_a_relay_that_is_reached_is_well():
+    row = SeenRelay("kobuki1", outcome=Outcome.ANSWERED, data_port=40811, data_outcome=Outcome.OPEN)
+    assert not tell_with(lambda seen: update(seen[STATION].probe, relays=(row,)), **CROSSED).findings
