@@ -76,7 +76,7 @@ def name_places(problems: list[str], task_vars: Mapping[str, Any], group: str) -
     root = hostvars._inventory.groups.get(group)
     hosts = [(host, str(child.name)) for child in (root.child_groups if root else ()) for host in child.get_hosts()]
     members = {
-        str(host.name): places.Member(robot, sorted(str(one.name) for one in host.get_groups()))
+        str(host.name): places.HostMembership(robot, sorted(str(one.name) for one in host.get_groups()))
         for host, robot in hosts[:MOST_GROUPS]
     }
     folders = {

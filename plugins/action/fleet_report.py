@@ -34,7 +34,7 @@ from ..plugin_utils._bundle.archive import LARGEST, UnreadableBundle, unpack
 from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
-from ..plugin_utils._verify.checks.engine import FAILED, Inventory
+from ..plugin_utils._verify.checks.engine import FAILED, InventorySource
 from ..plugin_utils._verify.diagnose.explanation import UnknownFinding, choose_findings, write_explanation
 from ..plugin_utils._verify.report import history, terminal
 from ..plugin_utils._verify.report.judgement import FleetJudgement, judge_run, make_document
@@ -171,7 +171,7 @@ def read_run(options: Mapping[str, Any], task_vars: Mapping[str, Any]) -> Run:
         raise Mismatch(f"The plan of the fleet cannot be read: {problem}") from None
 
 
-def describe_inventory(task_vars: Mapping[str, Any]) -> Inventory:
+def describe_inventory(task_vars: Mapping[str, Any]) -> InventorySource:
     """Describe the inventory of this run."""
     hostvars, groups = task_vars["hostvars"], task_vars.get("groups") or {}
 
@@ -180,7 +180,7 @@ def describe_inventory(task_vars: Mapping[str, Any]) -> Inventory:
         values = (raw.get(variable) for name in names if (raw := read_raw(hostvars, name)))
         return next((line for value in values if (line := find_origin(value))), "")
 
-    return Inventory(name_inventory(task_vars), find_line)
+    return InventorySource(name_inventory(task_vars), find_line)
 
 
 def read_raw(hostvars: Any, name: str) -> Mapping[str, Any]:

@@ -48,7 +48,7 @@ def ask(shell, options, home, names, seconds):
     finally:
         os.close(told)
         os.close(traced)
-    places = Places(names, home)
+    places = VariablePlaces(names, home)
     output = read_both(out, trace, places, time.monotonic() + seconds)
     end_all(process)
     if not output.endswith(b"\0"):
@@ -83,7 +83,7 @@ def read_both(out, trace, places, deadline):
     return output
 
 
-class Places:
+class VariablePlaces:
     """The places where variables were set last, as the trace of bash tells them."""
 
     def __init__(self, names, home):

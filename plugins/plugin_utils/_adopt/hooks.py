@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from .proposal import Choices
 
 if TYPE_CHECKING:
-    from .scene import Scene
+    from .scene import AdoptionScene
 
 
 @dataclass(frozen=True)
@@ -21,4 +21,4 @@ class AdoptHooks:
 
     #: by the answer of multimaster_info, which may have any values; it raises LookupError, TypeError or ValueError
     read: Callable[[Mapping[str, Any]], Any]
-    choose: Callable[[Scene], Choices]
+    choose: Callable[[AdoptionScene], Choices]

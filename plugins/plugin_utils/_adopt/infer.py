@@ -16,7 +16,7 @@ from .._inventory import kinds
 from . import facts, groups, names
 from .hooks import AdoptHooks
 from .proposal import Choice, Choices, Proposal, ProposedComputer, ProposedRobot
-from .scene import Scene
+from .scene import AdoptionScene
 
 # Nodes that can be kept -> what people call them.
 MAKERS = {"fkie_mas": "fkie_mas", "upstream": "multimaster_fkie"}
@@ -33,7 +33,7 @@ def propose(machines: Iterable[facts.FoundMachine], left_out: Mapping[str, str])
     if found is None or not found.groups:
         why = "no roscore runs on any machine, and no ROS_MASTER_URI names one"
         return Proposal(left_out={**missing, **dict.fromkeys(kept, why)})
-    scene = Scene(everything, found, names.name_computers(kept))
+    scene = AdoptionScene(everything, found, names.name_computers(kept))
     parts = [_robot(scene, group) for group in found.groups]
     outside = {name: why for _robot, of_robot in parts for name, why in of_robot.items()}
     unnamed = [robot for robot, _outside in parts if robot.computers]
@@ -70,7 +70,7 @@ def _drop_duplicates(machines: Iterable[facts.FoundMachine]) -> tuple[dict[str, 
 # A robot
 
 
-def _robot(scene: Scene, group: groups.Group) -> tuple[ProposedRobot, dict[str, str]]:
+def _robot(scene: AdoptionScene, group: groups.Group) -> tuple[ProposedRobot, dict[str, str]]:
     """Return a robot without its name, and its machines that cannot be in it."""
     network = _network(scene, group)
     inside = network or scene.found.common
@@ -101,7 +101,7 @@ def _robot(scene: Scene, group: groups.Group) -> tuple[ProposedRobot, dict[str, 
     return robot, outside
 
 
-def _network(scene: Scene, group: groups.Group) -> IPv4Network | None:
+def _network(scene: AdoptionScene, group: groups.Group) -> IPv4Network | None:
     """Return the robot's own network: that of most of its machines which are not in the common network."""
     inner = [name for name in group.members if name not in scene.common]
     aside = scene.found.shared | scene.machines.duplicate_networks
@@ -110,7 +110,7 @@ def _network(scene: Scene, group: groups.Group) -> IPv4Network | None:
     return max(counted, key=lambda network: (counted[network], -int(network.network_address)), default=None)
 
 
-def _network_notes(scene: Scene, group: groups.Group, network: IPv4Network | None) -> list[str]:
+def _network_notes(scene: AdoptionScene, group: groups.Group, network: IPv4Network | None) -> list[str]:
     """Return the networks of a robot that the inventory has no place for."""
     others = [
         other
@@ -135,14 +135,14 @@ def _find_gaps(choices: Choices) -> list[str]:
     ]
 
 
-def _master(scene: Scene, group: groups.Group, members: Sequence[str]) -> Choice:
+def _master(scene: AdoptionScene, group: groups.Group, members: Sequence[str]) -> Choice:
     why = "" if scene.machine(group.master).roscores else "guessed from ROS_MASTER_URI, since no roscore ran"
     if group.master in members:
         return Choice(scene.name(group.master), why)
     return Choice(scene.name([*members, group.master][0]), "guessed, since its roscore is elsewhere")
 
 
-def _gateway(scene: Scene, members: Sequence[str], network: IPv4Network) -> dict[str, Choice]:
+def _gateway(scene: AdoptionScene, members: Sequence[str], network: IPv4Network) -> dict[str, Choice]:
     """Return the gateway of a network, its address in the common network, and which routes lead to it."""
     inner = [name for name in members if name not in scene.common]
     both = [name for name in members if name in scene.common]
@@ -165,7 +165,7 @@ def _gateway(scene: Scene, members: Sequence[str], network: IPv4Network) -> dict
     return choices
 
 
-def _device(scene: Scene, network: IPv4Network, hop: IPv4Address) -> dict[str, Choice]:
+def _device(scene: AdoptionScene, network: IPv4Network, hop: IPv4Address) -> dict[str, Choice]:
     """Return a gateway that is no computer."""
     choices = {
         "gateway": Choice(str(hop), "guessed: the next hop of its computers, and none of the machines that were read")
@@ -182,7 +182,7 @@ def _first(counted: Counter[IPv4Address]) -> IPv4Address | None:
     return max(counted, key=lambda one: (counted[one], -int(one)), default=None)
 
 
-def _gateway_doubt(scene: Scene, best: str, both: Sequence[str], at: str | None) -> str:
+def _gateway_doubt(scene: AdoptionScene, best: str, both: Sequence[str], at: str | None) -> str:
     why = []
     if best != at:
         why.append(f"guessed, since it is in both networks, as {', '.join(map(scene.name, both))}")
@@ -194,7 +194,7 @@ def _gateway_doubt(scene: Scene, best: str, both: Sequence[str], at: str | None)
 # Its roscore and nodes
 
 
-def _roscore(scene: Scene, group: groups.Group) -> tuple[facts.FoundRoscore, str]:
+def _roscore(scene: AdoptionScene, group: groups.Group) -> tuple[facts.FoundRoscore, str]:
     """Return the roscore of a robot, and why where its computer has several."""
     roscores = scene.machine(group.master).roscores
     named = Counter(uri.port for name in group.members for uri in scene.machine(name).masters[:1])
@@ -219,7 +219,7 @@ def _ports(roscore: facts.FoundRoscore, doubt: str) -> dict[str, Choice]:
     return choices
 
 
-def _describe_services(scene: Scene, group: groups.Group, roscore: facts.FoundRoscore) -> list[str]:
+def _describe_services(scene: AdoptionScene, group: groups.Group, roscore: facts.FoundRoscore) -> list[str]:
     """Return what runs there that site.yml would replace."""
     machine = scene.machine(group.master)
     if machine.ours or not machine.roscores:
@@ -248,7 +248,7 @@ def _describe_services(scene: Scene, group: groups.Group, roscore: facts.FoundRo
 # The fleet
 
 
-def _fleet(scene: Scene, router: Choice | None) -> Choices:
+def _fleet(scene: AdoptionScene, router: Choice | None) -> Choices:
     choices = {"common_network": Choice(str(scene.found.common), scene.found.why)}
     if router:
         choices["router"] = router
@@ -265,7 +265,7 @@ def _fleet(scene: Scene, router: Choice | None) -> Choices:
     return choices
 
 
-def _transport(scene: Scene) -> Choices:
+def _transport(scene: AdoptionScene) -> Choices:
     """Return unicast where the common network is a tunnel that somebody has made, such as WireGuard, Tailscale or OpenVPN."""
     ends = {name: scene.machine(name).mute.get(address, "") for name, address in scene.common.items()}
     mute = [f"{device} of {scene.name(name)}" for name, device in sorted(ends.items()) if device]
@@ -302,7 +302,7 @@ def _choose_majority(
     )
 
 
-def _fleet_notes(scene: Scene) -> list[str]:
+def _fleet_notes(scene: AdoptionScene) -> list[str]:
     shared = sorted(scene.found.shared - {scene.found.common})
     torn = sorted(scene.machines.duplicate_networks)
     return [f"{network} connects several robots, too, and is left aside" for network in shared] + [
@@ -314,7 +314,7 @@ def _fleet_notes(scene: Scene) -> list[str]:
 # Computers, and the router
 
 
-def _computer(scene: Scene, machine: str, network: IPv4Network) -> ProposedComputer:
+def _computer(scene: AdoptionScene, machine: str, network: IPv4Network) -> ProposedComputer:
     name, why = scene.names[machine]
     found = scene.machine(machine)
     choices = {"address": Choice(str(scene.addresses(network)[machine]))}
@@ -324,7 +324,7 @@ def _computer(scene: Scene, machine: str, network: IPv4Network) -> ProposedCompu
     return ProposedComputer(name, machine, choices, (*([f"Named so, since {why}"] if why else []), *notes))
 
 
-def _is_alias(scene: Scene, hostname: str, name: str) -> bool:
+def _is_alias(scene: AdoptionScene, hostname: str, name: str) -> bool:
     """Return True if a host name is another name of one computer alone."""
     known = [entry.lower() for entry, _why in scene.names.values()]
     hostnames = [machine.hostname.lower() for machine in scene.machines.by_name.values()]
@@ -332,7 +332,9 @@ def _is_alias(scene: Scene, hostname: str, name: str) -> bool:
     return kinds.is_host_name(host) and host != "localhost" and host not in known and hostnames.count(host) == 1
 
 
-def _router(scene: Scene, rest: Mapping[str, str]) -> tuple[ProposedComputer | None, Choice | None, dict[str, str]]:
+def _router(
+    scene: AdoptionScene, rest: Mapping[str, str]
+) -> tuple[ProposedComputer | None, Choice | None, dict[str, str]]:
     """Return the router of the common network as a host or as a device, and the machines that are neither."""
     members = [name for group in scene.found.groups for name in group.members]
     gateways = [name for name in members if name in scene.common]
@@ -355,7 +357,7 @@ def _router(scene: Scene, rest: Mapping[str, str]) -> tuple[ProposedComputer | N
     return router, None, {name: why for name, why in rest.items() if name != best}
 
 
-def _passes(scene: Scene, name: str) -> bool:
+def _passes(scene: AdoptionScene, name: str) -> bool:
     """Return True if a machine on the common network forwards packets, has no roscore, and is in no robot's network."""
     members = {member for group in scene.found.groups for member in group.members}
     own = {

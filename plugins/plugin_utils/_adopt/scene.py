@@ -13,7 +13,7 @@ from . import facts, groups
 
 
 @dataclass(frozen=True)
-class Scene:
+class AdoptionScene:
     """The scene that all functions here look at."""
 
     machines: groups.Machines

@@ -21,7 +21,7 @@ _VARIABLE = re.compile(rf"\b({PREFIX}[a-z_]+)\b")
 _MOST = 3  # robots that are named with the first one
 
 
-class Member(NamedTuple):
+class HostMembership(NamedTuple):
     """The robot of a host, and the groups of that host."""
 
     robot: str
@@ -31,7 +31,7 @@ class Member(NamedTuple):
 Files = Mapping[str, Mapping[str, str]]  # group -> its files: name -> text
 
 
-def name_files(problems: Sequence[str], members: Mapping[str, Member], files: Files) -> list[str]:
+def name_files(problems: Sequence[str], members: Mapping[str, HostMembership], files: Files) -> list[str]:
     """Return the problems, each with the one file that sets its variable, and one for all robots with which it is the same.
 
     `members` are those of the hosts with which the sentences begin.
@@ -52,7 +52,7 @@ def _join(group: Sequence[str]) -> str:
     return f"{group[0]} The same holds for {shorten_list(hosts, _MOST)}." if hosts else group[0]
 
 
-def _name_file(problem: str, member: Member, files: Files) -> str:
+def _name_file(problem: str, member: HostMembership, files: Files) -> str:
     named, variable = _NAMED.search(problem), _VARIABLE.search(problem)
     if named is None or variable is None:
         return problem

@@ -11,10 +11,10 @@ from itertools import pairwise
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.packet_trace import (
     CapturedPacket,
-    PacketTrace,
     SeenPackets,
     SentProbe,
     TracedProbe,
+    TraceObservation,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import findings, place
 
@@ -73,7 +73,7 @@ class World:
             lambda one: planned.get(one) or more.get(one, ""),
             frozenset(NAMES),
         )
-        looks = {name: PacketTrace(packets=SeenPackets(tuple(packets))) for name, packets in self.seen.items()}
+        looks = {name: TraceObservation(packets=SeenPackets(tuple(packets))) for name, packets in self.seen.items()}
         looks[self.route[0]] = replace(looks[self.route[0]], probes=(self.probe,), sent=(self.sent,))
         (found,) = place.locate(looks, chart, {self.probe.number: self.route})
         return found

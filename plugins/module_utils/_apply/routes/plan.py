@@ -27,7 +27,7 @@ class RouteEntry(typing.NamedTuple):
 Entries = typing.Dict[Key, RouteEntry]
 
 
-class Change(typing.NamedTuple):
+class RouteChange(typing.NamedTuple):
     """One change of the kernel's routes."""
 
     verb: str  # replace, append or del
@@ -53,8 +53,8 @@ class RouteResult(typing.NamedTuple):
 class KeyPlan(typing.NamedTuple):
     """The plan for one key."""
 
-    adds: typing.List[Change]
-    removals: typing.List[Change]
+    adds: typing.List[RouteChange]
+    removals: typing.List[RouteChange]
     after: typing.List[str]  # the routes of the key afterwards
     result: typing.Any  # a RouteResult, or what the module returns for a route that is no longer listed
     entry: typing.Optional[RouteEntry] = None  # the record on the way, our route last; None: no new entry
@@ -63,8 +63,8 @@ class KeyPlan(typing.NamedTuple):
 class RoutesPlan(typing.NamedTuple):
     """The changes of one run, in their order, and the record before and after them."""
 
-    changes: typing.List[Change]
-    undo: typing.List[Change]
+    changes: typing.List[RouteChange]
+    undo: typing.List[RouteChange]
     interim: Entries
     final: Entries
     after: typing.Dict[Key, typing.List[str]]  # the texts of the keys that the run touches
@@ -106,7 +106,7 @@ def plan_routes(
     )
 
 
-def _flat(lists: typing.Iterable[typing.List[Change]]) -> typing.List[Change]:
+def _flat(lists: typing.Iterable[typing.List[RouteChange]]) -> typing.List[RouteChange]:
     return [change for changes in lists for change in changes]
 
 
@@ -123,7 +123,7 @@ def _plan_listed(route: RouteSpec, kernel_routes: Held, entry: RouteEntry, repla
     after = same[0].text if same else format_route(route)
     superfluous = others if same else others[1:]  # our route replaces the first of several
     part = KeyPlan(
-        adds=[] if same else [Change("replace", route.key, tuple(to_words(route)))],
+        adds=[] if same else [RouteChange("replace", route.key, tuple(to_words(route)))],
         removals=[remove(kernel_route) for kernel_route in superfluous],
         after=[after],
         result=RouteResult(before, after, state, problem),
@@ -232,19 +232,19 @@ def _state(ours: Held, others: Held, back: typing.Sequence[typing.Any]) -> str:
 # Changes
 
 
-def _make_again(key: Key, words: typing.Tuple[str, ...], first: bool) -> Change:
+def _make_again(key: Key, words: typing.Tuple[str, ...], first: bool) -> RouteChange:
     """One of several routes of a key: the first replaces what is there, the others are added to it."""
-    return Change("replace" if first else "append", key, words, may_fail=not first)
+    return RouteChange("replace" if first else "append", key, words, may_fail=not first)
 
 
-def remove(kernel_route: KernelRoute) -> Change:
+def remove(kernel_route: KernelRoute) -> RouteChange:
     """The removal of one route; the others with its key stay."""
     # The kernel does not tell routes of IPv6 apart by their type, but it does by their device.
     lo = ("dev", "lo") if kernel_route.route.version == 6 and kernel_route.route.type in NO_WAY else ()
-    return Change("del", kernel_route.route.key, kernel_route.words + lo, may_fail=True)
+    return RouteChange("del", kernel_route.route.key, kernel_route.words + lo, may_fail=True)
 
 
-def _links_first(changes: typing.List[Change]) -> typing.List[Change]:
+def _links_first(changes: typing.List[RouteChange]) -> typing.List[RouteChange]:
     """The changes with networks on a link before the routes behind them. Within a key the order stays."""
     behind = {change.key for change in changes if {"via", "nexthop"} & set(change.words)}
     return sorted(changes, key=lambda change: change.key in behind)
@@ -260,10 +260,10 @@ def _find_word_after(name: str, words: typing.Sequence[str]) -> typing.Optional[
 
 def _undo(
     routes: typing.List[RouteSpec], current: Current, after: typing.Dict[Key, typing.List[str]]
-) -> typing.List[Change]:
+) -> typing.List[RouteChange]:
     """The changes that bring the touched keys back to what they hold now: first additions, then removals."""
-    adds: typing.List[Change] = []
-    removals: typing.List[Change] = []
+    adds: typing.List[RouteChange] = []
+    removals: typing.List[RouteChange] = []
     for key, texts in after.items():
         kernel_routes = current.get(key, [])
         if [kernel_route.text for kernel_route in kernel_routes] == texts:
@@ -273,12 +273,12 @@ def _undo(
         ]
         if not kernel_routes:
             removals += [
-                Change("del", key, tuple(to_words(route)), may_fail=True) for route in routes if route.key == key
+                RouteChange("del", key, tuple(to_words(route)), may_fail=True) for route in routes if route.key == key
             ]
     return _links_first(adds) + removals
 
 
-def build_undo_command(change: Change) -> typing.List[str]:
+def build_undo_command(change: RouteChange) -> typing.List[str]:
     """A change of `RoutesPlan.undo` as a command. It fails only where the former state does not come back."""
     words = change.words
     if change.verb != "del":

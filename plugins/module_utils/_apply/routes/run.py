@@ -352,7 +352,7 @@ class RoutesRun(ModuleRun):
         for key, kernel_routes in before.items():
             for kernel_route in kernel_routes:
                 if kernel_route.protocol not in _RETURNING and key not in after:
-                    kernel.change_route(plan.Change("replace", key, kernel_route.words).command)
+                    kernel.change_route(plan.RouteChange("replace", key, kernel_route.words).command)
         self._check_kernel()
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from ..._adopt.facts import MOST
 from ..._adopt.hooks import AdoptHooks
 from ..._adopt.proposal import Choice, Choices
-from ..._adopt.scene import Scene
+from ..._adopt.scene import AdoptionScene
 
 
 def read_time_sources(info: Mapping[str, Any]) -> Iterable[IPv4Address]:
@@ -24,7 +24,7 @@ def read_time_sources(info: Mapping[str, Any]) -> Iterable[IPv4Address]:
             yield IPv4Address(address)
 
 
-def choose_source(scene: Scene) -> Choices:
+def choose_source(scene: AdoptionScene) -> Choices:
     """Return the machine of a robot that most others follow in time, if there is one."""
     members = [name for group in scene.found.groups for name in sorted(group.members)]
     followed = {

@@ -63,14 +63,14 @@ def _find_nowhere(_place: str, _variable: str) -> str:
     return ""
 
 
-class Inventory(NamedTuple):
+class InventorySource(NamedTuple):
     """The inventory of a run: as a command has it, and the file and line of a variable of a computer or robot."""
 
     path: str = ""  # empty where it is not known
     find_line: Callable[[str, str], str] = _find_nowhere  # place, variable -> "file, line 3"; empty where it is not set
 
 
-UNKNOWN_INVENTORY = Inventory()
+UNKNOWN_INVENTORY = InventorySource()
 
 
 def judge_fault(verdict: str, expected: str, found: str, fine: str, broken: Parts = frozenset()) -> Judgement:
@@ -137,7 +137,7 @@ class Verification:
         pairs: str = ALL,
         least: float = 0.0,
         since_last: float = 0.0,
-        inventory: Inventory = UNKNOWN_INVENTORY,
+        inventory: InventorySource = UNKNOWN_INVENTORY,
     ) -> None:
         self.inventory = inventory
         self.checks = {check.id: check for check in checks}

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from ..._base.sentences import shorten_list
 from ..._faults.fault import CONTROLLER, INVENTORY, Advice, Advices
-from ..checks.engine import FAILED, UNKNOWN_INVENTORY, Inventory, Row
+from ..checks.engine import FAILED, UNKNOWN_INVENTORY, InventorySource, Row
 from ..components.parts import Component
 from ..trace.findings import SeenEnd
 from .evidence import INFERRED, LOCATED, SEEN, Because
@@ -36,7 +36,7 @@ class Finding:
     because: Because | None = None
     since: str = ""  # empty where it is not known
     commands: Advices = ()  # that mend it, where what was read gives some
-    inventory: Inventory = field(default=UNKNOWN_INVENTORY, compare=False)
+    inventory: InventorySource = field(default=UNKNOWN_INVENTORY, compare=False)
 
     @property
     def sure(self) -> str:

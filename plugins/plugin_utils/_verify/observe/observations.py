@@ -79,7 +79,7 @@ from ....module_utils._contract.tunnel import SeenTunnel, TunnelPeer
 from ....module_utils._contract.verify import Probe, Streams
 from ..._plan.preflight import MachineState
 from .contract import make_dataclasses
-from .packet_trace import PacketTrace
+from .packet_trace import TraceObservation
 
 __all__ = [
     "AnnouncedHost",
@@ -176,4 +176,4 @@ class Observation:
     services: tuple[str, ...] | None = None  # the planned services that can run there, by preflight
     streams: Streams | None = None  # None where no throughput was measured
     filters: FilterChains | None = None  # None where the machine was not looked at
-    packet_trace: PacketTrace | None = None  # None where nothing was followed
+    packet_trace: TraceObservation | None = None  # None where nothing was followed

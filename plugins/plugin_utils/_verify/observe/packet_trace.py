@@ -15,7 +15,7 @@ __all__ = [
     "Counter",
     "TracePlan",
     "TracedProbe",
-    "PacketTrace",
+    "TraceObservation",
     "SeenPackets",
     "SentProbe",
     "SentProbes",
@@ -47,7 +47,7 @@ class TracePlan:
 
 
 @dataclass(frozen=True)
-class PacketTrace:
+class TraceObservation:
     """All that one computer knows of the packet trace."""
 
     probes: tuple[TracedProbe, ...] = ()

@@ -21,7 +21,7 @@ from ..._plan.model import FleetPlan
 from ..._plan.preflight import MachineState
 from .observations import FilterChains, FilterState, Multicast, Observation, Probe, Streams
 from .outcomes import Outcome
-from .packet_trace import PacketTrace, SeenPackets, SentProbes, TracePlan
+from .packet_trace import SeenPackets, SentProbes, TraceObservation, TracePlan
 
 T = TypeVar("T")
 LONGEST_TEXT = 500  # characters of one text of a robot
@@ -151,7 +151,7 @@ def find_result(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def read_packet_trace(
     host: str, variables: Mapping[str, Any], tasks: Mapping[str, Any], names: Collection[str] = ()
-) -> PacketTrace | None:
+) -> TraceObservation | None:
     """Read what a computer sent and saw in the packet trace; None where there was none. Raises Mismatch."""
     plan = from_plain(TracePlan, find_result(variables, tasks.get("follow", "")))  # of the controller: nothing to quote
     if not plan.probes:
@@ -160,7 +160,7 @@ def read_packet_trace(
     packets = read_result(SeenPackets, variables, tasks.get("followed", ""), "seen", names)
     if packets and len(packets.seen) > MOST_CAPTURES:  # no listener of ours keeps so many
         packets = replace(packets, seen=packets.seen[:MOST_CAPTURES], missed=len(packets.seen))
-    return PacketTrace(tuple(probe for probe in plan.probes if probe.sender == host), sent.sent, packets)
+    return TraceObservation(tuple(probe for probe in plan.probes if probe.sender == host), sent.sent, packets)
 
 
 def read_services(variables: Mapping[str, Any], name: str, names: Collection[str] = ()) -> tuple[str, ...] | None:

@@ -13,7 +13,7 @@ from ..._base.plain import from_plain
 from ..._base.plain_text import LINE, quote
 from ..._plan.model import FleetPlan
 from ..checks.engine import UNKNOWN_INVENTORY as UNKNOWN
-from ..checks.engine import Inventory
+from ..checks.engine import InventorySource
 from ..context.pairs import ALL
 from ..observe.observations import Observation
 from ..observe.task_results import KEY, find_result, list_plan_names, read_observation
@@ -43,7 +43,7 @@ class Run:
     machines: Mapping[str, Mapping[str, str]]
     about: Mapping[str, str]
     logs: Mapping[str, str] = field(default_factory=dict)
-    inventory: Inventory = UNKNOWN  # of the person who runs it, for what is to be done; no bundle has it
+    inventory: InventorySource = UNKNOWN  # of the person who runs it, for what is to be done; no bundle has it
 
 
 def gather_run(

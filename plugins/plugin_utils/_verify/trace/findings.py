@@ -14,7 +14,7 @@ from ..._base import advice
 from ..._faults.fault import Advice, Advices
 from ..checks.engine import Verification
 from ..components.parts import Component
-from ..observe.packet_trace import PacketTrace, SeenPackets
+from ..observe.packet_trace import SeenPackets, TraceObservation
 from .place import LossPlace, Map, SeenHop, Trip, describe_counters, describe_place, locate
 from .suspects import find_sign, is_consistent, name_place
 
@@ -119,7 +119,7 @@ def _name_networks(links: Iterable[Sequence[tuple[str, str]]]) -> dict[tuple[str
     return {pair: network for (one, network), (two, _same) in steps for pair in ((one, two), (two, one))}
 
 
-def _describe(place: LossPlace, chart: Map, looks: Mapping[str, PacketTrace]) -> SeenEnd:
+def _describe(place: LossPlace, chart: Map, looks: Mapping[str, TraceObservation]) -> SeenEnd:
     packets = (looks[place.at].packets if place.at in looks else None) or SeenPackets()
     words = [describe_place(place, chart), describe_counters(packets.counters)]
     return SeenEnd(place, "; ".join(filter(None, words)), find_sign(place, packets))

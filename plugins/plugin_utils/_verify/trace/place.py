@@ -20,7 +20,7 @@ from ..._base.sentences import shorten_list
 from ..context.errors import list_own_parts
 from ..context.packet_filters import GROUP
 from ..observe.outcomes import Outcome
-from ..observe.packet_trace import CapturedPacket, Counter, PacketTrace, SentProbe, TracedProbe
+from ..observe.packet_trace import CapturedPacket, Counter, SentProbe, TracedProbe, TraceObservation
 
 MOST_HOPS = 16
 NAMED = 6  # counters that a sentence names
@@ -382,7 +382,7 @@ class _Walk:
         return next((address for address, interface in due if (address, interface) not in answered), "")
 
 
-def locate(looks: Mapping[str, PacketTrace], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[LossPlace]:
+def locate(looks: Mapping[str, TraceObservation], chart: Map, routes: Mapping[int, Sequence[str]]) -> list[LossPlace]:
     """Find the place of each probe. `routes` has the planned computers on the way of each."""
     seen = {host: look.packets.seen for host, look in looks.items() if look.packets}
     found: list[LossPlace] = []

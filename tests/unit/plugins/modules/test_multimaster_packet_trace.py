@@ -13,10 +13,10 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.packet_trace import (
     CapturedPacket,
-    PacketTrace,
     SeenPackets,
     SentProbe,
     TracedProbe,
+    TraceObservation,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import TraceStage
@@ -225,11 +225,11 @@ def judge(network, route, address, protocols, unasked=()):
         for one in sent[network.hosts.index(route[0])]
     ]
     looks = {
-        host.name: PacketTrace(packets=SeenPackets(tuple(CapturedPacket(**one) for one in result["seen"])))
+        host.name: TraceObservation(packets=SeenPackets(tuple(CapturedPacket(**one) for one in result["seen"])))
         for host, result in zip(network.hosts, collected, strict=True)
         if host.name in hosts
     }
-    looks[route[0].name] = PacketTrace(tuple(probes), tuple(outcomes), looks[route[0].name].packets)
+    looks[route[0].name] = TraceObservation(tuple(probes), tuple(outcomes), looks[route[0].name].packets)
     chart = place.Map(
         {mac: frozenset([name]) for name, (macs, _addresses) in hosts.items() for mac in macs},
         lambda one: names.get(one, ""),

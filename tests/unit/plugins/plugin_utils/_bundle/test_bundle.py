@@ -12,7 +12,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import UnreadableBundle
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import REMOVED, Secrets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Inventory
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import InventorySource
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import judge_run
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.run import Run
@@ -55,7 +55,9 @@ def test_a_reason_has_the_new_names():
 
 
 def test_a_bundle_has_no_inventory_of_its_maker():
-    bundle = dataclasses.replace(bundled(fleets.fig12(), fleets.lost_route), inventory=Inventory("/home/anna/robots"))
+    bundle = dataclasses.replace(
+        bundled(fleets.fig12(), fleets.lost_route), inventory=InventorySource("/home/anna/robots")
+    )
     assert "anna" not in json.dumps(bundles.write_files(bundle, "", {}))
 
 

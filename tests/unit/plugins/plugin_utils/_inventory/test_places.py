@@ -4,9 +4,11 @@
 """The file in which a problem of an inventory is corrected."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.places import Member, name_files
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.places import HostMembership, name_files
 
-MEMBERS = {f"kobuki{number}-pc": Member(f"kobuki{number}", ("all", "kobukis", "robots")) for number in range(1, 6)}
+MEMBERS = {
+    f"kobuki{number}-pc": HostMembership(f"kobuki{number}", ("all", "kobukis", "robots")) for number in range(1, 6)
+}
 FILES = {
     "kobukis": {"group_vars/kobukis.yml": "---\nmultimaster_exports:\n  - {topics: [/scan]}\n"},
     "kobuki5": {"group_vars/kobuki5/own.yml": '"multimaster_exports": []\n'},

@@ -15,9 +15,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.packet_trace import (
     CapturedPacket,
-    PacketTrace,
     SeenPackets,
     SentProbe,
+    TraceObservation,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.findings import has_all, name_addresses
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.probes import (
@@ -68,7 +68,7 @@ def follow(fleet, seen, missed=()):
         own = tuple(probe for probe in probes if probe.sender == name)
         sent = tuple(SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000) for probe in own)
         packets = SeenPackets(tuple(captures[name]), missed=int(name in missed), full=("203.0.113.9",))
-        update(seen[name], packet_trace=PacketTrace(own, sent, packets))
+        update(seen[name], packet_trace=TraceObservation(own, sent, packets))
     return probes
 
 

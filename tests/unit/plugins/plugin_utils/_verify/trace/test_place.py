@@ -13,10 +13,10 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.packet_trace import (
     CapturedPacket,
     Counter,
-    PacketTrace,
     SeenPackets,
     SentProbe,
     TracedProbe,
+    TraceObservation,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace import place, suspects
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace.place import Map, TraceStage
@@ -57,10 +57,10 @@ def join(*all_seen):
 
 
 def find(seen, probe=PING, sent=None, listening=tuple(ROUTE), chart=CHART):
-    looks = {name: PacketTrace(packets=SeenPackets(tuple(seen[name]))) for name in listening}
+    looks = {name: TraceObservation(packets=SeenPackets(tuple(seen[name]))) for name in listening}
     sent = sent or SentProbe(probe.number, Outcome.NO_ANSWER, source_port=4000)
-    first = looks.get("one", PacketTrace())
-    looks["one"] = PacketTrace((probe,), (sent,), first.packets)
+    first = looks.get("one", TraceObservation())
+    looks["one"] = TraceObservation((probe,), (sent,), first.packets)
     chart = replace(chart, listening=frozenset(listening), networks={("one", "gate"): "net 1"})
     (found,) = place.locate(looks, chart, {probe.number: ROUTE})
     return found
@@ -192,7 +192,7 @@ def test_an_unknown_mac_may_be_that_of_the_planned_computer():
     assert find(flooded).stage == TraceStage.STRANGER
     chart = replace(CHART, hosts={mac: names for mac, names in CHART.hosts.items() if "gate" not in names})
     lost = {"one": [capture(True, "request", MACS["gate"])], "two": []}
-    looks = {name: PacketTrace(packets=SeenPackets(tuple(packets))) for name, packets in lost.items()}
+    looks = {name: TraceObservation(packets=SeenPackets(tuple(packets))) for name, packets in lost.items()}
     looks["one"] = replace(looks["one"], probes=(PING,), sent=(SentProbe(3, Outcome.NO_ANSWER),))
     (found,) = place.locate(looks, replace(chart, listening=frozenset(lost)), {3: ROUTE})
     assert (found.stage, found.next) == (TraceStage.UNSEEN, "gate")
