@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import Advice, Fault, Key, change, hand, on, site_of_all
+from .fault import Advice, Fault, Key, change, controller, hand, on, site_of_all
 
 PREDICTED, WATCHED = "predicted", "watched"
 _PLAN = "the plan was followed, hop by hop"
@@ -100,7 +100,7 @@ PREDICTIONS: Mapping[Key, Fault] = {
 
 def _watch(number: int, sentence: str, look: str, *do: Advice) -> Fault:
     """Make a row of watch: {what} is the value, {found} and {expected} are what it is and was."""
-    again = hand("verify: it says what is wrong now")
+    again = controller("ansible-playbook -i {inventory} rosfleet.multimaster.verify", "says what is wrong now")
     return Fault(
         f"RF-8{number:02}", sentence, do=do or (again,), look=(on(look),), why="a value was read before and after"
     )
