@@ -599,25 +599,33 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     def readmit(self, registry: Registry) -> None:
         """Register nodes as if they did it themselves, and tell them the answers. A name that is taken stays with its node."""
+        types, caller = registry.values("type"), self.caller()
         with self._collect_changes():
-            types = registry.values("type")
             for record in registry.facts.values():
-                kind, key = record.kind, record.name
-                if kind == "type":
-                    continue
                 name, uri = node_of(record)
-                if name in self.reg_manager.nodes and not self.has(name, uri):
+                if record.kind == "type" or (name in self.reg_manager.nodes and not self.has(name, uri)):
                     continue
-                self.calls.caller = Caller(other=record.by)
-                if kind in ("publisher", "subscriber"):
-                    uris = self.call(f"register{kind.capitalize()}", name, key, types.get(key, "*"), uri)[2]
-                    if kind == "subscriber":
-                        self._notifier.tell(uri, "publisherUpdate", key, (key, uris))
-                elif kind == "service" and key not in self.services.map:
-                    self.call("registerService", name, key, record.place, uri)
-                elif kind == "listener":
-                    value = self.call("subscribeParam", name, uri, key)[2]
-                    self._notifier.tell(uri, "paramUpdate", key, (key, value))
+                self.calls.caller = Caller(other=record.by)  # whose share it is
+                try:
+                    self._readmit_one(record, types)
+                except BoundRefusal as refusal:  # of a robot that has filled its share since: the others come back
+                    self.refusals.add(refusal)
+                finally:
+                    self.calls.caller = caller
+
+    def _readmit_one(self, record: Record, types: Mapping[str, str]) -> None:
+        """Make a registration of an earlier life. Raises BoundRefusal."""
+        kind, key = record.kind, record.name
+        name, uri = node_of(record)
+        if kind in ("publisher", "subscriber"):
+            uris = self.call(f"register{kind.capitalize()}", name, key, types.get(key, "*"), uri)[2]
+            if kind == "subscriber":
+                self._notifier.tell(uri, "publisherUpdate", key, (key, uris))
+        elif kind == "service" and key not in self.services.map:
+            self.call("registerService", name, key, record.place, uri)
+        elif kind == "listener":
+            value = self.call("subscribeParam", name, uri, key)[2]
+            self._notifier.tell(uri, "paramUpdate", key, (key, value))
 
     def has(self, name: str, uri: str) -> bool:
         """True while this node has the name."""
