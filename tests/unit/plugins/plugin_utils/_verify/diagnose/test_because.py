@@ -14,8 +14,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagn
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.rules import BY_ID, RULES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import FilterChains
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
-from fleets import diagnose, diagnosed, fig12, lost_route, wall
+from fleets import diagnose, diagnosed, fig12, lost_route, observed, update, wall
 
 from tests.simulator import faults, harness
 from tests.unit.plugins.plugin_utils._verify.trace.test_findings import GATE, follow, lose_behind_wall
@@ -50,6 +51,16 @@ def test_what_is_concluded_says_what_cleared_the_rivals():
     forwarding = reasons(because)["forwarding", "off", "tibi-visio"]
     assert forwarding.cleared and forwarding.reason == evidence.SUCCESS and forwarding.id == "RF-271"
     assert (forwarding.check, forwarding.observer) == ("forwarding", "tibi-visio")
+
+
+def test_an_errno_of_its_own_kernel_is_kept():
+    fleet = fig12()
+    seen = observed(fleet)
+    for entry in seen["dabo-visio"].probe.masters:
+        update(entry, open=False, error="EADDRNOTAVAIL", outcome=Outcome.NO_LOCAL_PORT)
+    (entry,) = [one for one in diagnose(fleet, seen).findings if one.part[:3] == ("computer", "dabo-visio", "ports")]
+    assert (entry.because.rule, entry.because.certainty) == ("errno", SEEN)
+    assert {(one.kind, one.detail) for one in entry.because.shown_by} == {(evidence.ERRNO, "no_local_port")}
 
 
 def test_a_trace_has_its_steps_as_values():
