@@ -16,7 +16,7 @@ from tests.unit.nodes.test_master_discovery import NAMESPACE, NODES, has_namespa
 pytestmark = [pytest.mark.whole, pytest.mark.slow]
 
 HERE = pathlib.Path(__file__).parent
-PATHS = [NODES, HERE, HERE.parents[1] / "long", os.environ.get("PYTHONPATH", "")]
+PATHS = [NODES, HERE, HERE.parents[2] / "lab/nodes/hostile", os.environ.get("PYTHONPATH", "")]
 WITHIN = 2.0  # seconds
 #: Bytes that its process has beside what it holds: of its code, of a request with its answer, and of a store that is read.
 BESIDE = 96 * MIB
