@@ -90,9 +90,7 @@ def _try_imported(nodes: typing.Dict[str, str]) -> typing.List[typing.Dict[str, 
     wanted = [(node, host, port) for node, (host, port) in places if host and port]
     answers = call_all(lambda place: connect(place[1], place[2], OPENS), wanted, NODES, lambda place: None)
     return [
-        UnreachedNode(
-            node, host=plain(host), port=port, error=plain(answer.words), outcome=answer.outcome.value
-        ).plain()
+        UnreachedNode(node, host=plain(host), port=port, error=plain(answer.words), outcome=answer.outcome).plain()
         for (node, host, port), answer in zip(wanted, answers)
         if answer is not None and answer.outcome != Outcome.OPEN
     ]

@@ -70,9 +70,8 @@ def relays(planned: typing.Optional[typing.Mapping[str, typing.Any]]) -> typing.
 
 def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) -> typing.Dict[str, typing.Any]:
     """Ask a relay at the first of its addresses at which it answers."""
-    found = SeenRelay(
-        peer, port=port, outcome=Outcome.NOT_TRIED.value, data_outcome=Outcome.NOT_TRIED.value, data_port=0
-    ).plain()
+    not_tried = Outcome.NOT_TRIED
+    found = SeenRelay(peer, port=port, outcome=not_tried, data_outcome=not_tried, data_port=0).plain()
     for host in hosts:
         found.update(host=plain(host))
         try:
