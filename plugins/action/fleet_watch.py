@@ -47,11 +47,11 @@ class ActionModule(FleetAction):
         events = progress.list_events(reports)
         lost = sum(len(report.lost) for report in reports.values())
         loss = progress.find_first_loss(events)
-        first = plain(loss.sentence, LINE) if loss else ""
+        first, advice = (plain(loss.sentence, LINE), plain_data(loss.advice)) if loss else ("", {})
         return {
             "lost": lost,
             "first_loss": first,
-            "advice": plain_data(loss.advice) if loss else {},
+            "advice": advice,
             "events": plain_data([{"observer": host, **vars(event)} for host, event in events]),
             "known": {
                 **{host: len(report.events) for host, report in reports.items()},
