@@ -54,6 +54,7 @@ DOORS = {
         "write to a standard stream": {  # JSON for the module that runs them, which reads and ends with it
             "module_utils/_probe/ros_client/message_types.py",
             "module_utils/_machine/home_files.py",
+            "module_utils/_machine/shell_program.py",
         },
         "display": {
             "action/fleet_bundle.py",
