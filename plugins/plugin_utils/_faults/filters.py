@@ -20,19 +20,24 @@ class Dropped(NamedTuple):
     id: int  # the tens of the id
     words: str
     match: str  # as nft has it; empty for all packets
+    option: str  # the same, as iptables has it
     what: str = ""
     more: float = 0.0  # what it costs more than the others
 
 
 #: mode -> its packets. {what} is a port.
 DROPPED: Mapping[str, Dropped] = {
-    "icmp": Dropped(31, "ICMP", "meta l4proto icmp"),
-    "udp": Dropped(32, "packets for UDP port {what}", "udp dport {what}", "11511"),
-    "group": Dropped(33, "packets for the multicast group", "ip daddr 224.0.0.0/4", more=0.2),
-    "rpc": Dropped(34, "connections to TCP port {what} of the discovery node", "tcp dport {what}", "11611"),
-    "roscore": Dropped(35, "connections to TCP port {what} of the roscore", "tcp dport {what}", "11311"),
-    "nodes": Dropped(36, "connections to the TCP ports of nodes", "tcp dport 1024-65535"),
-    "all": Dropped(37, "packets that no rule of it lets pass", "", more=0.3),
+    "icmp": Dropped(31, "ICMP", "meta l4proto icmp", "-p icmp"),
+    "udp": Dropped(32, "packets for UDP port {what}", "udp dport {what}", "-p udp --dport {what}", "11511"),
+    "group": Dropped(33, "packets for the multicast group", "ip daddr 224.0.0.0/4", "-d 224.0.0.0/4", more=0.2),
+    "rpc": Dropped(
+        34, "connections to TCP port {what} of the discovery node", "tcp dport {what}", "-p tcp --dport {what}", "11611"
+    ),
+    "roscore": Dropped(
+        35, "connections to TCP port {what} of the roscore", "tcp dport {what}", "-p tcp --dport {what}", "11311"
+    ),
+    "nodes": Dropped(36, "connections to the TCP ports of nodes", "tcp dport 1024-65535", "-p tcp --dport 1024:65535"),
+    "all": Dropped(37, "packets that no rule of it lets pass", "", "", more=0.3),
 }
 #: direction in the mode -> the last digit of the id, the word in a sentence, what it costs more
 DIRECTIONS: Mapping[str, tuple[int, str, float]] = {

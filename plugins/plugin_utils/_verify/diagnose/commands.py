@@ -14,7 +14,7 @@ from ipaddress import IPv4Network
 
 from ..._base import advice
 from ..._faults.fault import Advice, Advices
-from ..._faults.filters import DROPPED, RULED
+from ..._faults.filters import DROPPED, RULED, Dropped
 from ..components.parts import Component
 from ..context.check_context import FleetState, Participant
 from .node_remedies import list_remedies
@@ -121,7 +121,15 @@ LASTING: Mapping[str, tuple[Mapping[str, str], str]] = {
 }
 
 
-def _accept_packets(_computer: Participant, parts: Sequence[Component], state: FleetState) -> Commands:
+#: direction of packets -> the chains of iptables that they pass, and the end of them that is in a network of the fleet
+CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "in": (("INPUT", "-s"),),
+    "out": (("OUTPUT", "-d"),),
+    "forward": (("FORWARD", "-s"),),
+}
+
+
+def _accept_packets(computer: Participant, parts: Sequence[Component], state: FleetState) -> Commands:
     """A rule before the one that drops lets the packets of the fleet pass; its program is told, where it is known."""
     networks = sorted({*(entry.network for entry in state.fleet.networks), state.fleet.common_network})
     for part in parts:
@@ -132,17 +140,40 @@ def _accept_packets(_computer: Participant, parts: Sequence[Component], state: F
             yield known[0][1]
         elif origins:
             yield _accept_before(part, origins[0], networks)
+        elif (
+            computer.seen.filters is not None and not computer.seen.filters.readable
+        ):  # without nft the rules are those of iptables
+            yield from _accept_first(part, networks)
+
+
+def _find_dropped(part: Component) -> tuple[Dropped | None, str, str]:
+    """Find the packets that a filter drops, their direction, and their port; a port that is none is empty."""
+    mode, _space, direction = part.mode.rpartition(" ")
+    if direction not in CHAINS:
+        mode, direction = part.mode, ""
+    dropped = DROPPED.get(mode)
+    what = part.what or (dropped.what if dropped else "")
+    return dropped, direction, what if what.isdigit() else ""
 
 
 def _accept_before(part: Component, origin: str, networks: Iterable[IPv4Network]) -> str:
-    mode, _space, direction = part.mode.rpartition(" ")
-    dropped = DROPPED.get(mode or direction)
-    what = part.what or (dropped.what if dropped else "")
-    match = dropped.match.format(what=what) if dropped else ""
-    if "{what}" in (dropped.match if dropped else "") and not what.isdigit():
+    dropped, direction, port = _find_dropped(part)
+    match = dropped.match if dropped else ""
+    if "{what}" in match and not port:
         return ""
     among = f"ip {'daddr' if direction == 'out' else 'saddr'} {{{{ {', '.join(map(str, networks))} }}}}"
-    return advice.command(" ".join(filter(None, ("nft insert rule {}", among, match, "accept"))), ("chain", origin))
+    words = ("nft insert rule {}", among, match.format(what=port), "accept")
+    return advice.command(" ".join(filter(None, words)), ("chain", origin))
+
+
+def _accept_first(part: Component, networks: Iterable[IPv4Network]) -> Commands:
+    dropped, direction, port = _find_dropped(part)
+    option = dropped.option if dropped else ""
+    if "{what}" in option and not port:
+        return
+    for chain, end in CHAINS.get(direction, (*CHAINS["in"], *CHAINS["out"])):
+        words = (f"iptables -I {chain} {end} {','.join(map(str, networks))}", option.format(what=port), "-j ACCEPT")
+        yield " ".join(filter(None, words))
 
 
 # (kind, mode) -> the commands, from what was read.

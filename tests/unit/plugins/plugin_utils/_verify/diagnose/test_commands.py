@@ -18,6 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagn
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,
     DefaultRoute,
+    FilterChains,
     ServiceState,
 )
 from fleets import diagnosed, fig12, observed, update
@@ -153,6 +154,26 @@ def test_the_fleet_is_let_in_before_the_rule_that_drops(mode, what, origin, word
     run.state.filters.rules[part] = Rule("in", "drop", origins=(origin,))
     commands = make_commands([part], run.run[NAME], run.state)
     assert (commands[0].text if commands else "").startswith(words) and bool(commands) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("mode", "what", "words"),
+    [
+        ("rpc in", "", "iptables -I INPUT -s {} -p tcp --dport 11611 -j ACCEPT"),
+        ("nodes out", "", "iptables -I OUTPUT -d {} -p tcp --dport 1024:65535 -j ACCEPT"),
+        ("forward", "", "iptables -I FORWARD -s {} -j ACCEPT"),
+        ("icmp", "", "iptables -I INPUT -s {0} -p icmp -j ACCEPT; iptables -I OUTPUT -d {0} -p icmp -j ACCEPT"),
+        ("rpc in", "1; reboot", ""),
+    ],
+)
+def test_without_nft_the_fleet_is_let_in_by_iptables(mode, what, words):
+    fleet = fig12()
+    seen = observed(fleet)
+    update(seen[NAME], filters=FilterChains(False, ()))
+    run = Verification(CHECKS, fleet, seen)
+    commands = make_commands([Component("filter", NAME, mode, what)], run.run[NAME], run.state)
+    networks = NETS.strip("{} ").replace(", ", ",")
+    assert [one.text for one in commands] == ([words.format(networks)] if words else [])
 
 
 def test_nothing_is_known_of_whom_nobody_looked_at():
