@@ -71,7 +71,7 @@ def follow(lab, printed):
 
 
 def test_every_command_of_the_readme_works(untouched, tmp_path, repository):
-    status, output = untouched.play("teardown.yml")  # what other files of this lab have set up
+    status, output = untouched.play("playbooks/teardown.yml")  # what other files of this lab have set up
     assert status == 0, output
     found, printed = commands(), []
     assert set(found) > ELSEWHERE
