@@ -133,7 +133,9 @@ def _start_by_launch_file(name: str, wrong: Wrong) -> str:
         f'<package><name>{name}</name><version>0.0.0</version><description>d</description><maintainer email="a@example.com">a</maintainer>'
         "<license>l</license></package>"
     )
-    told = "".join(f'<env name="{variable}" value="{value}"/>' for variable, value in sorted(wrong.variables.items()))
+    # The shell has ROS_HOSTNAME, which counts before ROS_IP, and a launch file takes nothing away.
+    variables = {given.replace("ROS_IP", "ROS_HOSTNAME"): value for given, value in wrong.variables.items()}
+    told = "".join(f'<env name="{variable}" value="{value}"/>' for variable, value in sorted(variables.items()))
     launch = f'<launch><node pkg="{name}" type="talk" name="{name}" output="log">{told}</node></launch>'
     talk = _TALK.format(name=name) if wrong.registers else _WAIT
     script = f'#!/bin/sh\\necho $$ >/run/{name}.pid\\nexec {talk} "$@"\\n'
