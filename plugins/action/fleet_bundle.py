@@ -116,7 +116,7 @@ def make_bundle(bundle: Run, judgement: Any) -> bytes:
 
 def kinds(judgement: Any) -> list[tuple[str, str, str]]:
     """Return kind, mode and verdict of each finding, without its names."""
-    return sorted((entry.part.kind, entry.part.mode, entry.verdict) for entry in judgement.diagnosis.findings)
+    return sorted((entry.component.kind, entry.component.mode, entry.verdict) for entry in judgement.diagnosis.findings)
 
 
 def names(bundle: Run) -> set[str]:

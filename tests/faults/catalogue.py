@@ -10,7 +10,7 @@
       - kobuki-pc: "! ping -c1 -W1 <tibi-arm>"
     undo:
       - tibi-arm: nft ...
-    parts: [filter icmp in, filter icmp]     # kind and mode of plugin_utils/_verify/components/parts.py; each of them is right
+    parts: [filter icmp in, filter icmp]     # kind and mode of plugin_utils/_verify/components/component.py; each of them is right
     at: [tibi-arm]               # the places, of which one is named
     quick: true                  # it is part of `make test-long`, beside drawn ones: kinds that are not drawn
 

@@ -34,7 +34,7 @@ class Draw:
     title: str
     inject: str
     undo: str
-    parts: tuple[str, ...]  # kinds of plugin_utils/_verify/components/parts.py
+    parts: tuple[str, ...]  # kinds of plugin_utils/_verify/components/component.py
     also: tuple[str, ...] = ()  # other computers where it may be named, since they have to do with it
 
 

@@ -45,7 +45,7 @@ class Fault(NamedTuple):
 
     name: str
     inject: Callable
-    parts: tuple
+    components: tuple
 
 
 # Whom a fault may hit

@@ -112,19 +112,19 @@ def diagnose(fleet, observations):
 def named(trial):
     """The findings in their order, each as the parts that it names: the first one, and its rivals."""
     diagnosis = diagnose(trial.state.fleet, trial.observations)
-    found = [(finding.part, *finding.rivals) for finding in diagnosis.findings]
-    return [parts for parts in found if not _is_noise(trial, parts)]
+    found = [(finding.component, *finding.rivals) for finding in diagnosis.findings]
+    return [components for components in found if not _is_noise(trial, components)]
 
 
-def _is_noise(trial, parts):
+def _is_noise(trial, components):
     """Return True if a finding tells only that nobody could log in where nobody could."""
-    right = any(is_right(part, row, place) for part in parts for row, place in trial.faults)
-    return parts[0].kind == "computer" and parts[0].place in trial.noise and not right
+    right = any(is_right(component, row, place) for component in components for row, place in trial.faults)
+    return components[0].kind == "computer" and components[0].place in trial.noise and not right
 
 
-def is_right(part, row, place):
+def is_right(component, row, place):
     """Whether a part that was named is the one of the row at the place."""
-    return (part.kind, part.mode) in row.parts and is_at(part.places, place)
+    return (component.kind, component.mode) in row.components and is_at(component.places, place)
 
 
 def is_at(places, place):
@@ -145,10 +145,10 @@ class Aimed(Random):
         return self.place if aimed else super().choice(seq)
 
 
-def is_equal(trial, base, part):
+def is_equal(trial, base, component):
     """Return True if another part at its place, instead of the fault that was injected, leaves the very same observations."""
-    rows = [row for row in faults.FAULTS if (part.kind, part.mode) in row.parts]
-    made = (_aimed(base, row, part.place_text, number) for row in rows for number in range(AIMS))
+    rows = [row for row in faults.FAULTS if (component.kind, component.mode) in row.components]
+    made = (_aimed(base, row, component.place_text, number) for row in rows for number in range(AIMS))
     return any(state and observe(state, trial.run, trial.number) == trial.observations for state in made)
 
 
@@ -167,11 +167,11 @@ def judged(trial, most):
     answers = []
     for (row, place), base in zip(trial.faults, trial.bases, strict=True):
         verdict = MISSED
-        for parts in found[:most]:
-            if is_right(parts[0], row, place):
+        for components in found[:most]:
+            if is_right(components[0], row, place):
                 verdict = FIRST
-            elif verdict == MISSED and any(is_right(part, row, place) for part in parts[1:]):
-                verdict = EQUAL if is_equal(trial, base, parts[0]) else RIVAL
+            elif verdict == MISSED and any(is_right(component, row, place) for component in components[1:]):
+                verdict = EQUAL if is_equal(trial, base, components[0]) else RIVAL
         answers.append((row, place, verdict))
     return answers, found
 
@@ -214,7 +214,10 @@ def _unseen(trial, place):
 
 
 def _said(found):
-    first = [" or ".join(f"{part.kind} {part.mode} of {part.place_text}" for part in parts) for parts in found[:3]]
+    first = [
+        " or ".join(f"{component.kind} {component.mode} of {component.place_text}" for component in components)
+        for components in found[:3]
+    ]
     return "; ".join(first) or "nothing"
 
 

@@ -340,10 +340,10 @@ class Ros:
         for other in self.state.robots:
             if other == robot or not (self.takes(robot, other) or (its.sync == HUNG and self.lists(robot, other))):
                 continue
-            part = self._import(robot, other)
-            if part.topics or part.services:
-                imports.append(part)
-            if any(entry.name == "/chatter" and entry.publishers for entry in part.topics) and self._connected(
+            component = self._import(robot, other)
+            if component.topics or component.services:
+                imports.append(component)
+            if any(entry.name == "/chatter" and entry.publishers for entry in component.topics) and self._connected(
                 computer, other
             ):
                 host = self.state.master(other)

@@ -97,7 +97,7 @@ def test_each_page_that_a_file_names_is_there(ending):
 
 @pytest.mark.parametrize("page", ["docs/develop/adding.md", "CONTRIBUTING.md"])
 def test_each_file_that_a_page_for_developers_names_is_there(page):
-    """By its path, or by its end, such as `_verify/components/parts.py`."""
+    """By its path, or by its end, such as `_verify/components/component.py`."""
     named = {name for name in NAMED.findall(FENCED.sub("", text(page))) if Path(name).name not in EXAMPLES}
     ends = tuple(f"/{name}" for name in THERE)
     lost = [name for name in named if not any(end.endswith(f"/{name}") for end in ends)]

@@ -18,7 +18,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import number_problems
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import (
     Diagnosis,
     Finding,

@@ -26,7 +26,7 @@ TESTS = (
     *("_base/test_plain.py", "_base/test_features.py", "_inventory/test_contradictions.py", "_inventory/test_kinds.py"),
     *("_inventory/test_read.py", "_plan/test_plan.py", "_plan/test_preflight.py"),
     *("_robot_io/test_summary.py", "_verify/checks/test_engine.py"),
-    *("_verify/checks/test_network.py", "_verify/components/test_parts.py"),
+    *("_verify/checks/test_network.py", "_verify/components/test_component.py"),
 )
 IMPORT_ALL = """
 import importlib, pathlib

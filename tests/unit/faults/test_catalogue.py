@@ -11,7 +11,7 @@ import catalogue
 import pytest
 import words
 import yaml
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FAULTS
 
 ROOT = Path(__file__).resolve().parents[3]
 

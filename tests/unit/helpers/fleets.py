@@ -509,18 +509,18 @@ def diagnosed(change=None, fleet=None):
     return diagnose(fleet, seen)
 
 
-def parts(found):
-    """The parts of the findings, as (kind, place, mode)."""
-    return [(entry.part.kind, entry.part.place_text, entry.part.mode) for entry in found.findings]
+def components(found):
+    """The components of the findings, as (kind, place, mode)."""
+    return [(entry.component.kind, entry.component.place_text, entry.component.mode) for entry in found.findings]
 
 
-def assert_told(change, check, verdict, *part, fleet=None):
-    """The check has rows with this verdict, and the only finding is the part (kind, place, mode)."""
+def assert_told(change, check, verdict, *component, fleet=None):
+    """The check has rows with this verdict, and the only finding is the component (kind, place, mode)."""
     fleet = fleet or plan()
     rows = notable(evaluate(change, fleet)).values()
     assert verdict in {row.verdict for row in rows if row.check == check}
     found = diagnosed(change, fleet)
-    assert parts(found) == [part] and not found.unexplained, found
+    assert components(found) == [component] and not found.unexplained, found
     entry = found.findings[0]
     assert entry.verdict == max((row.verdict for row in rows), key=["unknown", "warning", "failed"].index)
     assert "{" not in entry.sentence() and entry.look

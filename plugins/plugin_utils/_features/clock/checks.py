@@ -11,7 +11,7 @@ from ..._verify.checks.engine import FAILED, OK, Check, Judgement
 from ..._verify.checks.hooks import CheckHooks
 from ..._verify.context import needs
 from ..._verify.context.check_context import CheckContext
-from ..._verify.context.needs import Parts, make_parts
+from ..._verify.context.needs import Components, make_components
 from ..._verify.observe.observations import TimeSource
 from .model import Clock
 
@@ -36,33 +36,33 @@ def _list_strange(context: CheckContext, clock: Clock) -> list[str]:
     return others or ([] if _find_own(context, clock) else ["nobody"])
 
 
-def list_parts(context: CheckContext, computer: str) -> Parts:
+def list_components(context: CheckContext, computer: str) -> Components:
     """List what keeps a computer from the fleet's time, where it has one."""
     plan = context.fleet.computers.get(computer)
     clock = Clock.find(plan) if plan else None
     if clock is None:
         return frozenset()
-    return make_parts("time_source", computer, "none", "wrong") | make_parts(
+    return make_components("time_source", computer, "none", "wrong") | make_components(
         "time_source", clock.source, "none", "mute"
     )
 
 
-def _silence(context: CheckContext) -> Parts:
+def _silence(context: CheckContext) -> Components:
     """The source does not answer: its chrony, or something on the way."""
     clock = Clock.find(context.observer.plan)
     if clock is None:
         return frozenset()
-    return make_parts("time_source", clock.source, "none", "mute") | needs.way(
+    return make_components("time_source", clock.source, "none", "mute") | needs.way(
         context, context.observer.name, clock.source
     )
 
 
-def _needs(context: CheckContext) -> Parts:
+def _needs(context: CheckContext) -> Components:
     """A source that runs says nothing of its answers."""
     clock, name = Clock.find(context.observer.plan), context.observer.name
     if clock is None or clock.server is None:
-        return make_parts("time_source", name, "none")
-    return list_parts(context, name) | _silence(context)
+        return make_components("time_source", name, "none")
+    return list_components(context, name) | _silence(context)
 
 
 @Check(
@@ -78,21 +78,21 @@ def _judge_time_source(context: CheckContext) -> Judgement | None:
         return None
     expected = f"it follows {clock.source} ({clock.server})" if clock.server else "a time service that answers"
     if not context.probe.clock.answers:
-        return Judgement(FAILED, expected, "no time service answers", make_parts("time_source", name, "none"))
+        return Judgement(FAILED, expected, "no time service answers", make_components("time_source", name, "none"))
     if clock.server is None:
         return Judgement(OK, expected, context.probe.clock.service)
     strange, own = _list_strange(context, clock), _find_own(context, clock)
     if strange or own is None:
-        parts = make_parts("time_source", name, "wrong", what=shorten_list(strange))
-        return Judgement(FAILED, expected, f"it follows {shorten_list(strange)}", parts)
+        components = make_components("time_source", name, "wrong", what=shorten_list(strange))
+        return Judgement(FAILED, expected, f"it follows {shorten_list(strange)}", components)
     if not own.reachable or not own.selected:
         return Judgement(
             FAILED, expected, "it does not answer" if not own.reachable else "it answers, and is not followed"
         )
     found = "it does" if own.offset_s is None else f"{own.offset_s:+.4f} s"
-    return Judgement(rate_offset(abs(own.offset_s or 0.0)), expected, found, make_parts("clock", name, "off"))
+    return Judgement(rate_offset(abs(own.offset_s or 0.0)), expected, found, make_components("clock", name, "off"))
 
 
 HOOKS = CheckHooks(
-    checks=(_judge_time_source,), after="network", offset_checks=("time_source",), list_clock_parts=list_parts
+    checks=(_judge_time_source,), after="network", offset_checks=("time_source",), list_clock_components=list_components
 )

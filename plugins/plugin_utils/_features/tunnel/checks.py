@@ -9,11 +9,11 @@ from statistics import median_low
 
 from ..._verify.checks.engine import FAILED, MEMBER, OK, Check, Judgement, judge_fault
 from ..._verify.checks.hooks import CheckHooks
-from ..._verify.components.parts import Component
+from ..._verify.components.component import Component
 from ..._verify.context.check_context import CheckContext
-from ..._verify.context.needs import Parts, make_parts
+from ..._verify.context.needs import Components, make_components
 from ..._verify.observe.observations import SeenTunnel, TunnelPeer
-from .context import list_way_parts
+from .context import list_way_components
 from .model import PlannedPeer, Tunnel
 
 HEADERS = 60  # bytes: of IPv4, UDP and WireGuard around each packet
@@ -28,18 +28,18 @@ def _find_small_carrier(context: CheckContext) -> int:
 
 @Check(
     title="its tunnel is up",
-    needs=lambda context: make_parts("tunnel", context.observer.name, "ended", "mtu"),
+    needs=lambda context: make_components("tunnel", context.observer.name, "ended", "mtu"),
 )
 def _judge_own_tunnel(context: CheckContext) -> Judgement | None:
     if Tunnel.find(context.observer.plan) is None or context.probe.tunnel.up is None:
         return None
     if not context.probe.tunnel.up:
-        return Judgement(FAILED, "a tunnel", "none", make_parts("tunnel", context.observer.name, "ended"))
+        return Judgement(FAILED, "a tunnel", "none", make_components("tunnel", context.observer.name, "ended"))
     expected = f"a tunnel over a network that takes packets of {context.probe.tunnel.mtu + HEADERS} bytes"
     small = _find_small_carrier(context)
     found = f"one that takes {small} at most" if small else ""
-    parts = make_parts("tunnel", context.observer.name, "mtu", what=f"{small} bytes at most")
-    return judge_fault(FAILED, expected, found, "as planned", parts)
+    components = make_components("tunnel", context.observer.name, "mtu", what=f"{small} bytes at most")
+    return judge_fault(FAILED, expected, found, "as planned", components)
 
 
 # Between two computers
@@ -89,7 +89,7 @@ def _is_heard(context: CheckContext, planned: PlannedPeer, observer: str) -> boo
     return any(peer.heard for peer in peers if peer)
 
 
-def _find_silence(context: CheckContext, planned: PlannedPeer) -> Parts:
+def _find_silence(context: CheckContext, planned: PlannedPeer) -> Components:
     """Return the tunnel through which nothing comes: that of one of the two, where others do not get through either; else what is between."""
     name = context.observer.name
     deaf, mute = not _hears(context, name), not _is_heard(context, planned, name)
@@ -97,8 +97,8 @@ def _find_silence(context: CheckContext, planned: PlannedPeer) -> Parts:
         place = name if deaf else planned.computer
         late = _measure_lateness(context, place)
         if late > LATE:
-            return make_parts("tunnel", place, "clock", what=f"{late:.0f} s behind the others")
-        return make_parts("tunnel", place, "silent")
+            return make_components("tunnel", place, "clock", what=f"{late:.0f} s behind the others")
+        return make_components("tunnel", place, "silent")
     return frozenset({Component.from_pair("tunnel", "pair", name, planned.computer)})
 
 
@@ -110,35 +110,35 @@ def _measure_lateness(context: CheckContext, place: str) -> float:
     return median_low(others) - times[place] if others and place in times else 0.0
 
 
-def _find_mistake(context: CheckContext, one: str, other: str) -> Parts:
+def _find_mistake(context: CheckContext, one: str, other: str) -> Components:
     """Return the mistake of one computer about another one: other addresses, or a key that is not its own."""
     planned = _find_planned(context, one, other)
     if planned is None or not _look_at(context, one).up:
         return frozenset()
     if not _is_as_planned(_find_peer(context, one, planned), planned):
-        return make_parts("tunnel", one, "peer", what=other)
+        return make_components("tunnel", one, "peer", what=other)
     if _has_its_key(context, one, planned):
         return frozenset()
     others = [name for name in context.run if name not in (one, other) and _find_peer(context, name, planned)]
     if any(_has_its_key(context, name, planned) for name in others):
-        return make_parts("tunnel", one, "peer", what=other)
-    return make_parts("tunnel", other, "key")
+        return make_components("tunnel", one, "peer", what=other)
+    return make_components("tunnel", other, "key")
 
 
-def _find_fault(context: CheckContext, planned: PlannedPeer, peer: TunnelPeer | None) -> Parts:
+def _find_fault(context: CheckContext, planned: PlannedPeer, peer: TunnelPeer | None) -> Components:
     name, target = context.observer.name, context.target
     if peer and peer.beside:
-        return make_parts("tunnel", name, "beside", what=", ".join(peer.beside))
+        return make_components("tunnel", name, "beside", what=", ".join(peer.beside))
     if mistake := _find_mistake(context, name, target) or _find_mistake(context, target, name):
         return mistake
     has_ended = _look_at(context, target).up is False  # not None: it was looked at
-    return make_parts("tunnel", target, "ended") if has_ended else _find_silence(context, planned)
+    return make_components("tunnel", target, "ended") if has_ended else _find_silence(context, planned)
 
 
 @Check(
     title="the tunnel between two computers is open",
     scope=MEMBER,
-    needs=lambda context: list_way_parts(context, (context.observer.name, context.target)),
+    needs=lambda context: list_way_components(context, (context.observer.name, context.target)),
 )
 def _judge_tunnel(context: CheckContext) -> Judgement | None:
     planned = _find_planned(context, context.observer.name, context.target)

@@ -8,17 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import pairwise
 
-from ..._verify.components.parts import Component
+from ..._verify.components.component import Component
 from ..._verify.context.check_context import CheckContext
 from ..._verify.context.hooks import ContextHooks
-from ..._verify.context.needs import FORWARDER, Parts, join_parts, make_parts
+from ..._verify.context.needs import FORWARDER, Components, join_components, make_components
 from .components import ENDED
 from .model import Tunnel
 
 MODES = ("ended", "peer", "key", "silent", "clock", "mtu", "beside")
 
 
-def list_way_parts(context: CheckContext, places: Iterable[str]) -> Parts:
+def list_way_components(context: CheckContext, places: Iterable[str]) -> Components:
     """List the parts of the tunnel between two computers of the common network, where that is one, and of its hub."""
     ends = [
         place for place in places if place in context.fleet.computers and Tunnel.find(context.fleet.computers[place])
@@ -27,7 +27,7 @@ def list_way_parts(context: CheckContext, places: Iterable[str]) -> Parts:
         return frozenset()
     hub = _find_hub(context, *ends)
     stops = [ends[0], hub, ends[1]] if hub else ends
-    own = join_parts(make_parts("tunnel", stop, *MODES) for stop in stops)
+    own = join_components(make_components("tunnel", stop, *MODES) for stop in stops)
     own |= {Component(kind, hub, mode) for kind, mode in FORWARDER if hub}
     return own | {Component.from_pair("tunnel", "pair", *leg) for leg in pairwise(stops)}
 
@@ -39,15 +39,15 @@ def _find_hub(context: CheckContext, one: str, other: str) -> str:
     return "" if carrier == other else carrier
 
 
-def list_large_parts(context: CheckContext, place: str) -> Parts:
+def list_large_components(context: CheckContext, place: str) -> Components:
     """List what loses only large packets at the place of a tunnel."""
     plan = context.fleet.computers.get(place)
-    return make_parts("tunnel", place, "mtu") if plan and Tunnel.find(plan) else frozenset()
+    return make_components("tunnel", place, "mtu") if plan and Tunnel.find(plan) else frozenset()
 
 
 HOOKS = ContextHooks(
-    list_way_parts=list_way_parts,
-    list_large_parts=list_large_parts,
-    list_route_parts=lambda computer: make_parts("tunnel", computer, "beside"),
+    list_way_components=list_way_components,
+    list_large_components=list_large_components,
+    list_route_components=lambda computer: make_components("tunnel", computer, "beside"),
     services={"tunnel": ENDED},
 )

@@ -9,7 +9,7 @@ from ..._plan.model import COMMON
 from ..context import needs
 from ..context.actual_world import DOWN
 from ..context.check_context import CheckContext
-from ..context.needs import Parts, join_parts, make_parts, make_service_part
+from ..context.needs import Components, join_components, make_components, make_service_component
 from ..context.packet_filters import ROSCORE
 from ..observe.observations import DefaultRoute, ForwardingInterface, ServiceState
 from ..observe.outcomes import Outcome
@@ -28,38 +28,42 @@ def _interfaces(context: CheckContext) -> list[ForwardingInterface]:
 @Check(
     title="gateways and the router pass packets on",
     when=lambda context: context.observer.is_probed and context.observer.plan.forwards,
-    needs=lambda context: make_parts("forwarding", context.observer.name, "off"),
+    needs=lambda context: make_components("forwarding", context.observer.name, "off"),
 )
 def _judge_forwarding(context: CheckContext) -> Judgement:
     ip_forward, name = context.probe.forwarding.ip_forward, context.observer.name
     expected = "net.ipv4.ip_forward is 1"
     if ip_forward is None:
-        unread = make_parts("setting", name, "unread", what="net.ipv4.ip_forward")
+        unread = make_components("setting", name, "unread", what="net.ipv4.ip_forward")
         return Judgement(UNKNOWN, expected, "it cannot be read", unread)
     closed = [entry.interface for entry in _interfaces(context) if entry.forwarding == 0]
     found = f"1, but net.ipv4.conf.{closed[0]}.forwarding is 0" if ip_forward and closed else str(ip_forward)
     good = ip_forward and not closed
-    return Judgement(OK if good else FAILED, expected, found, make_parts("forwarding", name, "off"))
+    return Judgement(OK if good else FAILED, expected, found, make_components("forwarding", name, "off"))
 
 
 # Reachable
 
 
-def _reachable_needs(context: CheckContext) -> Parts:
-    return make_parts("computer", context.observer.name, "off", "login")
+def _reachable_needs(context: CheckContext) -> Components:
+    return make_components("computer", context.observer.name, "off", "login")
 
 
-def _reachable_suspects(context: CheckContext) -> Parts:
+def _reachable_suspects(context: CheckContext) -> Components:
     """The controller may be on the other side of the gateway, or not."""
     name, plan = context.observer.name, context.observer.plan
-    parts = _reachable_needs(context) | make_parts("interface", name, "address", "prefix")
+    components = _reachable_needs(context) | make_components("interface", name, "address", "prefix")
     for network in [context.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
-        parts |= make_parts("link", name, "down", what=network) | make_parts("network", network, "dead")
+        components |= make_components("link", name, "down", what=network) | make_components("network", network, "dead")
     if gateway := context.ways.find_gateway(name):
-        parts |= make_parts("computer", gateway.title, "off") | make_parts("forwarding", gateway.title, "off")
-        parts |= make_parts("filter", gateway.title, "forward") | make_parts("route", name, "missing", "other")
-        parts |= make_parts("link", gateway.title, "down", what=context.ways.network(plan.robot))
-    return parts
+        components |= make_components("computer", gateway.title, "off") | make_components(
+            "forwarding", gateway.title, "off"
+        )
+        components |= make_components("filter", gateway.title, "forward") | make_components(
+            "route", name, "missing", "other"
+        )
+        components |= make_components("link", gateway.title, "down", what=context.ways.network(plan.robot))
+    return components
 
 
 @Check(
@@ -114,66 +118,66 @@ def _describe_state(entry: ServiceState) -> str:
     return state + _describe_end(entry)
 
 
-def _inactive_parts(context: CheckContext, service: str, entry: ServiceState | None) -> Parts:
+def _inactive_components(context: CheckContext, service: str, entry: ServiceState | None) -> Components:
     name, unit = context.observer.name, f"multimaster-{service}.service"
     if entry is not None and entry.load_state == "not-found":
-        return make_parts("service", name, "missing", what=unit)
+        return make_components("service", name, "missing", what=unit)
     if entry is not None and entry.active_state == "activating" and entry.restarts:
-        return make_parts("service", name, "looping", what=unit)
+        return make_components("service", name, "looping", what=unit)
     if service == "roscore" and context.probe.roscore.answer:
-        return make_parts("set_up", name, "others")  # a roscore answers that is not the unit's
-    return _service_down_parts(name, service)
+        return make_components("set_up", name, "others")  # a roscore answers that is not the unit's
+    return _service_down_components(name, service)
 
 
-def _service_down_parts(computer: str, service: str) -> Parts:
+def _service_down_components(computer: str, service: str) -> Components:
     if service in ("roscore", "discovery", "sync"):
-        return make_parts(service, computer, "dead")
-    down = make_parts("service", computer, "down", what=f"multimaster-{service}.service")
-    return make_service_part(computer, service) or down
+        return make_components(service, computer, "dead")
+    down = make_components("service", computer, "down", what=f"multimaster-{service}.service")
+    return make_service_component(computer, service) or down
 
 
 @Check(
     title="services are active",
     when=_has_services,
     of_site=True,
-    needs=lambda context: join_parts(
-        _service_down_parts(context.observer.name, service) for service in context.observer.plan.all_services
+    needs=lambda context: join_components(
+        _service_down_components(context.observer.name, service) for service in context.observer.plan.all_services
     ),
 )
 def _judge_services(context: CheckContext) -> Judgement:
     states = {entry.name: entry for entry in context.probe.services}
     if not states:
-        unasked = make_parts("computer", context.observer.name, "unmeasured")
+        unasked = make_components("computer", context.observer.name, "unmeasured")
         return Judgement(UNKNOWN, "the state of the services", "systemd did not tell it", unasked)
-    parts: Parts = frozenset()
+    components: Components = frozenset()
     broken, restarted = [], []
     for name in context.observer.plan.all_services:
         entry, unit = states.get(name), f"multimaster-{name}.service"
         if entry is None or entry.active_state != "active":
             broken.append(f"{unit} is {'unknown' if entry is None else _describe_state(entry)}")
-            parts |= _inactive_parts(context, name, entry)
+            components |= _inactive_components(context, name, entry)
         elif entry.stopped:
             broken.append(f"the process of {entry.unit} is stopped")
-            parts |= make_parts("service", context.observer.name, "stopped", what=unit)
+            components |= make_components("service", context.observer.name, "stopped", what=unit)
         elif _is_full(entry):
             broken.append(f"{entry.unit} has all of its {entry.most_files} files open")
-            parts |= make_parts("service", context.observer.name, "full", what=unit)
+            components |= make_components("service", context.observer.name, "full", what=unit)
         elif _was_started_again(context, entry):
             restarted.append(
                 f"{entry.unit} was started again {entry.age_s:.0f} s ago, {entry.restarts} in all{_describe_end(entry)}"
             )
-            parts |= make_parts("service", context.observer.name, "restarting", what=unit)
+            components |= make_components("service", context.observer.name, "restarting", what=unit)
     expected = f"{', '.join(context.observer.plan.all_services)} active"
     if broken:
-        return Judgement(FAILED, expected, ", ".join(broken), parts)
-    return judge_fault(WARNING, f"{expected}, not started again", ", ".join(restarted), "all active", parts)
+        return Judgement(FAILED, expected, ", ".join(broken), components)
+    return judge_fault(WARNING, f"{expected}, not started again", ", ".join(restarted), "all active", components)
 
 
 @Check(
     title="services run with the planned environment",
     when=_has_services,
     of_site=True,
-    needs=lambda context: make_parts("environment", context.observer.name, "service"),
+    needs=lambda context: make_components("environment", context.observer.name, "service"),
 )
 def _judge_environment(context: CheckContext) -> Judgement | None:
     running = [entry for entry in context.probe.services if entry.active_state == "active"]
@@ -183,11 +187,11 @@ def _judge_environment(context: CheckContext) -> Judgement | None:
     differing = [f"{', '.join(entry.differing)} of {entry.unit}" for entry in running if entry.differing]
     closed = [entry.unit for entry in running if entry.differing is None]
     if closed and not differing:
-        unread = make_parts("setting", context.observer.name, "unread", what="the environment of a service")
+        unread = make_components("setting", context.observer.name, "unread", what="the environment of a service")
         return Judgement(UNKNOWN, expected, f"the process of {', '.join(closed)} cannot be looked at", unread)
     names = ", ".join(sorted({name for entry in running for name in entry.differing or ()}))
-    parts = make_parts("environment", context.observer.name, "service", what=names)
-    return judge_fault(FAILED, expected, "; ".join(differing), "the same", parts)
+    components = make_components("environment", context.observer.name, "service", what=names)
+    return judge_fault(FAILED, expected, "; ".join(differing), "the same", components)
 
 
 # Measured
@@ -196,7 +200,7 @@ def _judge_environment(context: CheckContext) -> Judgement | None:
 @Check(
     title="computer could be looked at",
     when=lambda context: not context.observer.seen.unreachable,
-    needs=lambda context: make_parts("computer", context.observer.name, "unmeasured"),
+    needs=lambda context: make_components("computer", context.observer.name, "unmeasured"),
 )
 def _judge_measured(context: CheckContext) -> Judgement:
     seen = context.observer.seen
@@ -208,8 +212,8 @@ def _judge_measured(context: CheckContext) -> Judgement:
     expected, good = (
         ("results of both measurements", "both") if measures_udp else ("a result of the measurement", "one")
     )
-    parts = make_parts("computer", context.observer.name, "unmeasured", what=first)
-    return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good, parts)
+    components = make_components("computer", context.observer.name, "unmeasured", what=first)
+    return Judgement(FAILED if problems else OK, expected, " ".join(problems).rstrip(".") or good, components)
 
 
 # Addresses
@@ -225,14 +229,14 @@ def _find_down_links(context: CheckContext) -> list[str]:
     return [network for network, interface in networks if interface.state in DOWN]
 
 
-def _find_dead_link(context: CheckContext, network: str) -> Parts:
+def _find_dead_link(context: CheckContext, network: str) -> Components:
     """Blame the network where no computer on it has a link. A single observed computer is not enough."""
     states = [one.interface_on[network].state for one in context.run.values() if network in one.interface_on]
     if len(states) < 2:
         return frozenset()
     if all(state in DOWN for state in states):
-        return make_parts("network", network, "dead")
-    return make_parts(
+        return make_components("network", network, "dead")
+    return make_components(
         "link", context.observer.name, "flapping" if _is_flapping(context, network) else "down", what=network
     )
 
@@ -244,21 +248,21 @@ def _is_flapping(context: CheckContext, network: str) -> bool:
     return any(name in one.answered for one in near)
 
 
-def _addresses_suspects(context: CheckContext) -> Parts:
+def _addresses_suspects(context: CheckContext) -> Components:
     down = _find_down_links(context)
-    links = join_parts(make_parts("link", context.observer.name, "down", what=network) for network in down)
-    return links | join_parts(make_parts("network", network, "dead") for network in down)
+    links = join_components(make_components("link", context.observer.name, "down", what=network) for network in down)
+    return links | join_components(make_components("network", network, "dead") for network in down)
 
 
-def _addresses_needs(context: CheckContext) -> Parts:
+def _addresses_needs(context: CheckContext) -> Components:
     """A link is cleared only where its state was read as up."""
     networks = context.observer.interface_on.items()
-    up = join_parts(
-        make_parts("link", context.observer.name, "down", what=network)
+    up = join_components(
+        make_components("link", context.observer.name, "down", what=network)
         for network, seen in networks
         if seen.state == "up"
     )
-    return make_parts("interface", context.observer.name, "address", "prefix") | up
+    return make_components("interface", context.observer.name, "address", "prefix") | up
 
 
 @Check(
@@ -280,26 +284,28 @@ def _judge_addresses(context: CheckContext) -> Judgement:
     problems += [*ports, *(f"the link to {network} is down" for network in down)]
     problems += [f"{address}/{size}" for _name, address, size, _planned in sizes]
     modes = [mode for mode, wrong in (("address", missing), ("port", ports), ("prefix", sizes)) if wrong]
-    parts = make_parts("interface", context.observer.name, *modes) | join_parts(
+    components = make_components("interface", context.observer.name, *modes) | join_components(
         _find_dead_link(context, one) for one in down
     )
     # Where it does harm, other checks fail. A robot alone works without any network.
-    return judge_fault(WARNING, expected, ", ".join(problems), "all of them", parts)
+    return judge_fault(WARNING, expected, ", ".join(problems), "all of them", components)
 
 
 @Check(
     title="interfaces have the MTU of the others",
     when=lambda context: bool(context.observer.mtus),
-    needs=lambda context: join_parts(
-        make_parts("interface", context.observer.name, "mtu", what=network) for network in context.observer.mtus
+    needs=lambda context: join_components(
+        make_components("interface", context.observer.name, "mtu", what=network) for network in context.observer.mtus
     ),
 )
 def _judge_mtu(context: CheckContext) -> Judgement:
     usual = context.state.usual
     odd = {network: mtu for network, mtu in context.observer.mtus.items() if mtu != usual[network]}
     found = "; ".join(f"{mtu} on {network}, where most have {usual[network]}" for network, mtu in odd.items())
-    parts = join_parts(make_parts("interface", context.observer.name, "mtu", what=network) for network in odd)
-    return judge_fault(WARNING, "the MTU of the others", found, "the same", parts)
+    components = join_components(
+        make_components("interface", context.observer.name, "mtu", what=network) for network in odd
+    )
+    return judge_fault(WARNING, "the MTU of the others", found, "the same", components)
 
 
 # More of the kernel
@@ -308,13 +314,13 @@ def _judge_mtu(context: CheckContext) -> Judgement:
 @Check(
     title="no strict reverse-path filter",
     when=lambda context: context.observer.is_probed and context.observer.plan.forwards,
-    needs=lambda context: make_parts("reverse_path", context.observer.name, "strict"),
+    needs=lambda context: make_components("reverse_path", context.observer.name, "strict"),
 )
 def _judge_reverse_path(context: CheckContext) -> Judgement:
     strict = [entry.interface for entry in _interfaces(context) if entry.rp_filter == 1]
     found = f"a strict one on {', '.join(strict)}" if strict else ""
-    parts = make_parts("reverse_path", context.observer.name, "strict")
-    return judge_fault(WARNING, "a loose reverse-path filter, or none", found, "no strict one", parts)
+    components = make_components("reverse_path", context.observer.name, "strict")
+    return judge_fault(WARNING, "a loose reverse-path filter, or none", found, "no strict one", components)
 
 
 @Check(
@@ -325,20 +331,23 @@ def _judge_redirects(context: CheckContext) -> Judgement:
     sending = [entry.interface for entry in _interfaces(context) if entry.send_redirects]
     found = f"they are sent on {', '.join(sending)}" if sending else ""
     return judge_fault(
-        WARNING, "no ICMP redirects", found, "none", make_parts("redirects", context.observer.name, "sent")
+        WARNING, "no ICMP redirects", found, "none", make_components("redirects", context.observer.name, "sent")
     )
 
 
 @Check(
     title="kernel answers pings",
-    needs=lambda context: make_parts("setting", context.observer.name, "icmp_all"),
+    needs=lambda context: make_components("setting", context.observer.name, "icmp_all"),
 )
 def _judge_answers_pings(context: CheckContext) -> Judgement | None:
     ignored = context.probe.forwarding.icmp_echo_ignore_all
     if ignored is None:
         return None
-    expected, parts = "net.ipv4.icmp_echo_ignore_all is 0", make_parts("setting", context.observer.name, "icmp_all")
-    return Judgement(WARNING if ignored else OK, expected, str(ignored), parts)
+    expected, components = (
+        "net.ipv4.icmp_echo_ignore_all is 0",
+        make_components("setting", context.observer.name, "icmp_all"),
+    )
+    return Judgement(WARNING if ignored else OK, expected, str(ignored), components)
 
 
 # Computers where nobody logs in
@@ -359,24 +368,24 @@ def _judge_sealed(context: CheckContext) -> Judgement | None:
     names = _list_sealed(context)
     if not names:
         return None
-    parts = join_parts(make_parts("computer", name, "sealed") for name in names)
-    return Judgement(UNKNOWN, "what only a login shows", f"nobody logs in on {', '.join(names)}", parts)
+    components = join_components(make_components("computer", name, "sealed") for name in names)
+    return Judgement(UNKNOWN, "what only a login shows", f"nobody logs in on {', '.join(names)}", components)
 
 
 # The robot's roscore
 
 
-def _roscore_suspects(context: CheckContext) -> Parts:
+def _roscore_suspects(context: CheckContext) -> Components:
     name, master = context.observer.name, context.masters[0]
-    return needs.roscore(context, name, master) - make_parts("roscore", master, "dead")
+    return needs.roscore(context, name, master) - make_components("roscore", master, "dead")
 
 
-def _find_own_filter(context: CheckContext) -> Parts:
+def _find_own_filter(context: CheckContext) -> Components:
     """Find the packet filter that keeps a computer from its own roscore: nobody waits there, and no connection opens."""
     roscore = context.probe.roscore
     if roscore.tcp_outcome != Outcome.NO_ANSWER or roscore.waiting != 0 or context.masters[0] != context.observer.name:
         return frozenset()
-    return make_parts("filter", context.observer.name, "roscore in")
+    return make_components("filter", context.observer.name, "roscore in")
 
 
 @Check(
@@ -391,7 +400,7 @@ def _judge_master_uri(context: CheckContext) -> Judgement:
     named = context.fleet.master_uris[context.observer.plan.robot]  # a sealed roscore may have any of its names
     roscore = context.probe.roscore
     is_asked = is_same_uri(roscore.uri, expected)
-    shell = make_parts("environment", context.observer.name, "shell", what=f"ROS_MASTER_URI is {roscore.uri}")
+    shell = make_components("environment", context.observer.name, "shell", what=f"ROS_MASTER_URI is {roscore.uri}")
     broken = shell if roscore.uri and not is_asked else frozenset()
     if roscore.error:
         return Judgement(FAILED, expected, roscore.error, broken or _find_own_filter(context), roscore.outcome)
@@ -401,7 +410,7 @@ def _judge_master_uri(context: CheckContext) -> Judgement:
         if is_same_uri(roscore.answer, roscore.uri)
         else f"ROS_MASTER_URI {roscore.uri}, and the roscore calls itself {roscore.answer}"
     )
-    broken = broken or make_parts("roscore", context.masters[0], "name", what=roscore.answer)
+    broken = broken or make_components("roscore", context.masters[0], "name", what=roscore.answer)
     return Judgement(OK if good else FAILED, expected, found, broken, roscore.outcome)
 
 
@@ -412,7 +421,7 @@ ASK_OTHERS = ("dns", "mdns", "nis", "ldap", "wins")  # the beginnings of sources
 
 @Check(
     title="/etc/hosts is asked for names first",
-    needs=lambda context: make_parts("names", context.observer.name, "order"),
+    needs=lambda context: make_components("names", context.observer.name, "order"),
 )
 def _judge_name_order(context: CheckContext) -> Judgement | None:
     sources = context.probe.name_sources
@@ -420,8 +429,8 @@ def _judge_name_order(context: CheckContext) -> Judgement | None:
         return None
     before = sources[: sources.index("files")] if "files" in sources else sources
     first = not any(source.startswith(ASK_OTHERS) for source in before) and {"files", "resolve"} & set(sources)
-    parts = make_parts("names", context.observer.name, "order")
-    return Judgement(OK if first else WARNING, "files before dns", " ".join(sources), parts)
+    components = make_components("names", context.observer.name, "order")
+    return Judgement(OK if first else WARNING, "files before dns", " ".join(sources), components)
 
 
 # Default routes
@@ -435,13 +444,13 @@ def _describe_route(route: DefaultRoute) -> str:
 @Check(
     title="one default route at most",
     when=lambda context: context.observer.is_probed,
-    needs=lambda context: make_parts("route", context.observer.name, "defaults"),
+    needs=lambda context: make_components("route", context.observer.name, "defaults"),
 )
 def _judge_default_routes(context: CheckContext) -> Judgement:
     routes = context.probe.default_routes
     found = ", ".join(map(_describe_route, routes)) or "none"
-    parts = make_parts("route", context.observer.name, "defaults")
-    return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found, parts)
+    components = make_components("route", context.observer.name, "defaults")
+    return Judgement(OK if len(routes) <= 1 else WARNING, "one default route at most", found, components)
 
 
 # The packet filter
@@ -451,7 +460,7 @@ def _judge_default_routes(context: CheckContext) -> Judgement:
     title="the packet filter is as planned",
     when=lambda context: context.observer.seen.packet_filter is not None,
     of_site=True,
-    needs=lambda context: make_parts("filter", context.observer.name, "changed"),
+    needs=lambda context: make_components("filter", context.observer.name, "changed"),
 )
 def _judge_packet_filter(context: CheckContext) -> Judgement | None:
     found = context.observer.seen.packet_filter
@@ -460,5 +469,5 @@ def _judge_packet_filter(context: CheckContext) -> Judgement | None:
     expected = (
         "the packet filter of the plan" if context.observer.plan.firewall else "no packet filter of the collection"
     )
-    parts = make_parts("filter", context.observer.name, "changed")
-    return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg, parts)
+    components = make_components("filter", context.observer.name, "changed")
+    return Judgement(FAILED if found.changed or found.failed else OK, expected, found.msg, components)

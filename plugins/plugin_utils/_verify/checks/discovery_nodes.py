@@ -12,8 +12,8 @@ from ..._base.hosts import host_of
 from ..._plan.model import COMMON
 from ..context import needs
 from ..context.check_context import CheckContext
-from ..context.errors import find_parts, list_refusers
-from ..context.needs import Parts, join_parts, make_parts
+from ..context.errors import find_components, list_refusers
+from ..context.needs import Components, join_components, make_components
 from ..context.packet_filters import GROUP, ROSCORE
 from ..context.policy_routing import taker
 from ..observe.observations import DatagramCounts, ListedMaster, TargetRoute
@@ -54,7 +54,7 @@ def _judge_membership(context: CheckContext) -> Judgement | None:
     found = f"on {' and '.join(sorted(interfaces))}" if interfaces else "on no interface"
     verdict = OK if planned.interface in interfaces else _transport_verdict(context, True)
     kind, mode = ("interface", "multicast") if interfaces else ("discovery", "group")
-    return Judgement(verdict, expected, found, make_parts(kind, context.observer.name, mode))
+    return Judgement(verdict, expected, found, make_components(kind, context.observer.name, mode))
 
 
 # Datagrams on the group
@@ -75,29 +75,29 @@ def _transport_verdict(context: CheckContext, other: bool | None) -> str:
     return WARNING if context.fleet.transport == "both" and other else FAILED
 
 
-def _group_needs(context: CheckContext) -> Parts:
+def _group_needs(context: CheckContext) -> Components:
     one, other = context.observer.name, context.target
-    there = make_parts("computer", other, "unmeasured", "login")
-    return needs.multicast(context, one, other) | needs.loss_parts(context, one, other) | there
+    there = make_components("computer", other, "unmeasured", "login")
+    return needs.multicast(context, one, other) | needs.loss_components(context, one, other) | there
 
 
-def _group_suspects(context: CheckContext) -> Parts:
+def _group_suspects(context: CheckContext) -> Components:
     one, other = context.observer.name, context.target
     if context.udp and context.udp.heard_from:
-        return needs.loss_parts(context, one, other)
+        return needs.loss_components(context, one, other)
     if context.peer and context.peer.multicast.send_errors.count:  # its own kernel refuses to send
-        return make_parts("filter", other, "group out", "group", "udp out", "udp", "all out", "all")
-    return _group_needs(context) - needs.loss_parts(context, one, other)
+        return make_components("filter", other, "group out", "group", "udp out", "udp", "all out", "all")
+    return _group_needs(context) - needs.loss_components(context, one, other)
 
 
-def _translator(context: CheckContext, computer: str) -> Parts:
+def _translator(context: CheckContext, computer: str) -> Components:
     """Find what translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
     other = context.observer.name if computer == context.target else context.target
-    between = needs.translation_parts(context, computer, other)
+    between = needs.translation_components(context, computer, other)
     if not between:
-        return make_parts("translation", computer, "on")
+        return make_components("translation", computer, "on")
     first = context.ways.list_forwarders(computer, other)[0]
-    return frozenset(part for part in between if part.place == first)
+    return frozenset(component for component in between if component.place == first)
 
 
 @Check(
@@ -114,7 +114,9 @@ def _judge_udp_multicast(context: CheckContext) -> Judgement | None:
     address = context.ways.discovery_addresses[context.target]
     loss = (context.back_udp.loss if context.back_udp else None) or 0.0  # the sender knows how many it has sent
     expected = f"datagrams on {context.ways.group} from {address}"
-    elsewhere = make_parts("interface", context.observer.name, "multicast") if udp.other_interfaces else frozenset()
+    elsewhere = (
+        make_components("interface", context.observer.name, "multicast") if udp.other_interfaces else frozenset()
+    )
     if not udp.heard_from:
         found = f"none, but on {', '.join(udp.other_interfaces)}" if udp.other_interfaces else "none"
         return Judgement(_transport_verdict(context, udp.unicast), expected, found, elsewhere)
@@ -135,9 +137,9 @@ def _is_translated(context: CheckContext) -> bool:
     return seen is not None and seen != context.ways.discovery_addresses.get(context.observer.name)
 
 
-def _unicast_needs(context: CheckContext) -> Parts:
+def _unicast_needs(context: CheckContext) -> Components:
     one, other = context.observer.name, context.target
-    there = needs.passes(one, other, "udp") | make_parts("computer", other, "unmeasured", "login")
+    there = needs.passes(one, other, "udp") | make_components("computer", other, "unmeasured", "login")
     nobody_asks = needs.neighbours(context, other, one) - needs.neighbours(
         context, one, other
     )  # a datagram gets no answer
@@ -176,7 +178,7 @@ def _judge_udp_unicast(context: CheckContext) -> Judgement | None:
     title="datagrams arrive from the planned address",
     scope=MEMBER,
     needs=lambda context: (
-        _unicast_needs(context) | needs.translation_parts(context, context.observer.name, context.target)
+        _unicast_needs(context) | needs.translation_components(context, context.observer.name, context.target)
     ),
     # Whatever drops the questions of ARP may drop the answers, too.
     suspects=lambda context: (
@@ -200,19 +202,19 @@ def _judge_source(context: CheckContext) -> Judgement | None:
 # Pings of the group
 
 
-def _rounds_suspects(context: CheckContext) -> Parts:
+def _rounds_suspects(context: CheckContext) -> Components:
     one, other = context.observer.name, context.target
-    lost = needs.loss_parts(context, one, other)
+    lost = needs.loss_components(context, one, other)
     if any(other in answered for _number, answered in context.observer.rounds):
         return lost  # a packet was lost: no filter drops them
     there = needs.multicast(context, other, one) | needs.way(context, one, other) | needs.passes(one, other, "icmp")
-    return lost | there | make_parts("setting", other, "icmp_group")
+    return lost | there | make_components("setting", other, "icmp_group")
 
 
 @Check(
     title="ping of the multicast group (informs only)",
     scope=MEMBER,
-    needs=lambda context: make_parts("setting", context.target, "icmp_group"),
+    needs=lambda context: make_components("setting", context.target, "icmp_group"),
     suspects=_rounds_suspects,
 )
 def _judge_icmp_rounds(context: CheckContext) -> Judgement | None:
@@ -236,37 +238,37 @@ def _connect_outcome(context: CheckContext) -> Outcome:
     return entry.outcome if entry else Outcome.NOT_TRIED
 
 
-def _outside(context: CheckContext) -> Parts:
+def _outside(context: CheckContext) -> Components:
     """A computer's own gateway is asked at its other side, where its discovery node is."""
     own, planned = context.own, context.planned
     if own is None or planned is None or own.robot != planned.robot or own.name == planned.name:
         return frozenset()
-    return frozenset() if planned.discovery_address in own.network else needs.route_parts(own.name, COMMON)
+    return frozenset() if planned.discovery_address in own.network else needs.route_components(own.name, COMMON)
 
 
-def _port_needs(context: CheckContext) -> Parts:
+def _port_needs(context: CheckContext) -> Components:
     one, other = context.observer.name, context.target
-    node = make_parts("discovery", other, "dead", "port")
+    node = make_components("discovery", other, "dead", "port")
     return needs.way(context, one, other) | needs.passes(one, other, "rpc") | node | _outside(context)
 
 
-def _port_suspects(context: CheckContext) -> Parts:
+def _port_suspects(context: CheckContext) -> Components:
     """A computer that is silent would refuse if no program listened on the port."""
     # One for all interfaces also drops what a computer sends itself.
-    filtered = make_parts("filter", context.target, "rpc in", "rpc", "all in", "all")
-    nobody = make_parts("discovery", context.target, "dead", "port")
-    return _port_needs(context) - nobody | make_parts("discovery", context.target, "hung") | filtered
+    filtered = make_components("filter", context.target, "rpc in", "rpc", "all in", "all")
+    nobody = make_components("discovery", context.target, "dead", "port")
+    return _port_needs(context) - nobody | make_components("discovery", context.target, "hung") | filtered
 
 
-def _find_port_fault(context: CheckContext) -> Parts:
+def _find_port_fault(context: CheckContext) -> Components:
     outcome = _connect_outcome(context)
     if outcome == Outcome.NETWORK_UNREACHABLE and _outside(context):  # no ping was sent to that address
-        return make_parts("route", context.observer.name, "missing", what=COMMON)
+        return make_components("route", context.observer.name, "missing", what=COMMON)
     if (
         outcome == Outcome.REFUSED and context.target == context.observer.name
     ):  # its node has ended, or listens elsewhere
         runs = bool(context.probe.list_masters.masters)
-        return make_parts("discovery", context.target, "port" if runs else "dead")
+        return make_components("discovery", context.target, "port" if runs else "dead")
     return frozenset()
 
 
@@ -310,13 +312,13 @@ def _judge_route(context: CheckContext, route: TargetRoute | None, address: IPv4
     return Judgement(FAILED, expected, found, _find_route_fault(context, route, address))
 
 
-def _find_route_fault(context: CheckContext, route: TargetRoute, address: IPv4Address) -> Parts:
+def _find_route_fault(context: CheckContext, route: TargetRoute, address: IPv4Address) -> Components:
     mode, what = taker(context.probe.policy, str(address))
     if mode:
-        return make_parts("route", context.observer.name, mode, what=what)
+        return make_components("route", context.observer.name, mode, what=what)
     if _hops(context, address) == {""}:
         return frozenset()  # on one network: the checks of addresses and routes tell it
-    return make_parts(
+    return make_components(
         "route", context.observer.name, "missing" if route.error else "other", what=_beyond(context, address)
     )
 
@@ -326,16 +328,16 @@ def _beyond(context: CheckContext, address: IPv4Address) -> str:
     return COMMON if address in context.fleet.common_network else context.ways.network(context.robots[1])
 
 
-def _route_suspects(context: CheckContext) -> Parts:
+def _route_suspects(context: CheckContext) -> Components:
     """List what makes another route than the planned ones come first."""
     name = context.observer.name
-    return make_parts("interface", name, "prefix", "address") | needs.by_passes(name)
+    return make_components("interface", name, "prefix", "address") | needs.by_passes(name)
 
 
 @Check(
     title="route to the discovery node",
     scope=MASTER,
-    needs=lambda context: make_parts(
+    needs=lambda context: make_components(
         "route", context.observer.name, "missing", "other", what=_beyond(context, context.master.address)
     ),
     suspects=_route_suspects,
@@ -359,7 +361,7 @@ def _outer(context: CheckContext) -> IPv4Address:
 @Check(
     title="route to the other address of a gateway",
     scope=MEMBER,
-    needs=lambda context: make_parts(
+    needs=lambda context: make_components(
         "route", context.observer.name, "missing", "other", what=_beyond(context, _outer(context))
     ),
     suspects=_route_suspects,
@@ -374,7 +376,7 @@ def _judge_outer_route(context: CheckContext) -> Judgement | None:
 @Check(
     title="port of the roscore is not refused",
     scope=MASTER,
-    needs=lambda context: make_parts("roscore", context.target, "dead"),
+    needs=lambda context: make_components("roscore", context.target, "dead"),
     suspects=lambda context: list_refusers(context, context.target, ROSCORE),
 )
 def _judge_roscore_port(context: CheckContext) -> Judgement | None:
@@ -387,7 +389,7 @@ def _judge_roscore_port(context: CheckContext) -> Judgement | None:
     if entry.roscore_outcome != Outcome.REFUSED:
         return None  # no other computer needs it, so a packet filter may drop it
     answers = context.peer is not None and bool(context.peer.probe.roscore.answer)  # there, so something else refuses
-    dead = frozenset() if answers else make_parts("roscore", context.target, "dead")
+    dead = frozenset() if answers else make_components("roscore", context.target, "dead")
     return Judgement(WARNING, expected, entry.roscore, dead)
 
 
@@ -402,9 +404,9 @@ def rate_offset(seconds: float) -> str:
     return OK if seconds < OFF_WARNING else WARNING if seconds < OFF_FAILED else FAILED
 
 
-def _clock_needs(context: CheckContext) -> Parts:
-    clocks = join_parts(make_parts("clock", name, "off") for name in (context.observer.name, context.target))
-    return _port_needs(context) | make_parts("discovery", context.target, "hung") | clocks
+def _clock_needs(context: CheckContext) -> Components:
+    clocks = join_components(make_components("clock", name, "off") for name in (context.observer.name, context.target))
+    return _port_needs(context) | make_components("discovery", context.target, "hung") | clocks
 
 
 def _has_time_source(context: CheckContext, computer: str) -> bool:
@@ -412,26 +414,34 @@ def _has_time_source(context: CheckContext, computer: str) -> bool:
     return computer in context.run and context.run[computer].probe.clock.synchronised is True
 
 
-def _list_clock_parts(context: CheckContext, computer: str) -> Parts:
+def _list_clock_components(context: CheckContext, computer: str) -> Components:
     """List what keeps the clock of a computer right by the plan."""
-    return join_parts(hooks.list_clock_parts(context, computer) for hooks in load_hooks("checks", CheckHooks).values())
+    return join_components(
+        hooks.list_clock_components(context, computer) for hooks in load_hooks("checks", CheckHooks).values()
+    )
 
 
-def _clock_suspects(context: CheckContext) -> Parts:
+def _clock_suspects(context: CheckContext) -> Components:
     entry = context.observer.masters.get(context.target)
     if entry is not None and entry.clock_offset_s is not None:
         free = [name for name in (context.observer.name, context.target) if not _has_time_source(context, name)]
         suspects = free or [context.observer.name, context.target]
-        return join_parts(make_parts("clock", name, "off") | _list_clock_parts(context, name) for name in suspects)
+        return join_components(
+            make_components("clock", name, "off") | _list_clock_components(context, name) for name in suspects
+        )
     if entry is not None and entry.open:
         # A discovery node closes the connection of who calls from no address of the plan.
-        stranger = make_parts("interface", context.observer.name, "address")
+        stranger = make_components("interface", context.observer.name, "address")
         return (
-            make_parts("discovery", context.target, "hung")
+            make_components("discovery", context.target, "hung")
             | needs.large(context, context.observer.name, context.target)
             | stranger
         )
-    return _find_port_fault(context) or find_parts(context, _connect_outcome(context), "rpc") or _port_suspects(context)
+    return (
+        _find_port_fault(context)
+        or find_components(context, _connect_outcome(context), "rpc")
+        or _port_suspects(context)
+    )
 
 
 @Check(
@@ -467,28 +477,30 @@ def _has_planned_address(entry: ListedMaster, context: CheckContext) -> bool:
     return host == context.address or (own and host in ("localhost", "127.0.0.1"))
 
 
-def _service_call_needs(context: CheckContext) -> Parts:
+def _service_call_needs(context: CheckContext) -> Components:
     """List what calling the service of the own discovery node needs."""
     one, master = context.observer.name, context.masters[0]
     call = needs.talks(context, one, master, "nodes") if one != master else frozenset()
-    return needs.roscore(context, one, master) | make_parts("discovery", master, "dead", "hung") | call
+    return needs.roscore(context, one, master) | make_components("discovery", master, "dead", "hung") | call
 
 
-def _list_needs(context: CheckContext) -> Parts:
+def _list_needs(context: CheckContext) -> Components:
     """A master stays in the list for a while, and one of two transports is enough: so little is cleared."""
     own, its = context.masters[0], context.target
-    cleared = _service_call_needs(context) | make_parts("roscore", its, "name")
+    cleared = _service_call_needs(context) | make_components("roscore", its, "name")
     if own == its:
         return cleared
-    group = make_parts("discovery", own, "group") | make_parts("discovery", its, "group")
-    return cleared | group | needs.translation_parts(context, its, own)  # the address of its heartbeats is in the list
+    group = make_components("discovery", own, "group") | make_components("discovery", its, "group")
+    return (
+        cleared | group | needs.translation_components(context, its, own)
+    )  # the address of its heartbeats is in the list
 
 
-def _list_suspects(context: CheckContext) -> Parts:
+def _list_suspects(context: CheckContext) -> Components:
     if not context.observer.listed:
         return _service_call_needs(context)
     own, its = context.masters[0], context.target
-    others = needs.master_query_parts(context, own, its) | needs.heartbeats(context, own, its)
+    others = needs.master_query_components(context, own, its) | needs.heartbeats(context, own, its)
     return _service_call_needs(context) | needs.discovery(own) | others
 
 
@@ -511,9 +523,9 @@ def _judge_list_masters(context: CheckContext) -> Judgement:
     if not entry.online:
         return Judgement(FAILED, expected, found)
     if not _has_planned_uri(entry, context):
-        return Judgement(FAILED, expected, found, make_parts("roscore", context.target, "name", what=entry.uri))
+        return Judgement(FAILED, expected, found, make_components("roscore", context.target, "name", what=entry.uri))
     if _has_planned_address(entry, context):
         return Judgement(OK, expected, found)
     if context.robots[0] == context.robots[1]:  # the node tells the address from which it sends
-        return Judgement(FAILED, expected, found, make_parts("interface", context.target, "multicast"))
+        return Judgement(FAILED, expected, found, make_components("interface", context.target, "multicast"))
     return Judgement(FAILED, expected, found, _translator(context, context.target))

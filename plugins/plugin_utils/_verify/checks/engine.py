@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from ..._plan.model import FleetPlan
 from ..context.check_context import CheckContext, FleetState
-from ..context.needs import Parts, make_parts
+from ..context.needs import Components, make_components
 from ..context.pairs import ALL, choose_pairs, number
 from ..observe.observations import Observation
 from ..observe.outcomes import Outcome
@@ -46,16 +46,16 @@ class Row(NamedTuple):  # there are millions in a large fleet, and a frozen data
 
 
 class Judgement(NamedTuple):
-    """Verdict, expected and found of one check, and what it shows of the parts of the fleet, where it is not ok.
+    """Verdict, expected and found of one check, and what it shows of the components of the fleet, where it is not ok.
 
-    `broken` are parts that a value shows to be broken; then no other part is suspected. `outcome` is that of what the check has
-    sent itself: an error leaves few parts (errors.py).
+    `broken` are components that a value shows to be broken; then no other component is suspected. `outcome` is that of what the check has
+    sent itself: an error leaves few components (errors.py).
     """
 
     verdict: str
     expected: str = ""
     found: str = ""
-    broken: Parts = frozenset()
+    broken: Components = frozenset()
     outcome: Outcome = Outcome.NOT_TRIED
 
 
@@ -73,7 +73,7 @@ class InventorySource(NamedTuple):
 UNKNOWN_INVENTORY = InventorySource()
 
 
-def judge_fault(verdict: str, expected: str, found: str, fine: str, broken: Parts = frozenset()) -> Judgement:
+def judge_fault(verdict: str, expected: str, found: str, fine: str, broken: Components = frozenset()) -> Judgement:
     """Judge what was found: an empty text is no fault, and `fine` says so."""
     return Judgement(verdict, expected, found, broken) if found else Judgement(OK, expected, fine)
 
@@ -87,22 +87,22 @@ Judge = Callable[[CheckContext], Judgement | None]
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its targets, its judge, and the meaning of its results for the parts of the fleet. It decorates its judge.
+    """A check: its targets, its judge, and the meaning of its results for the components of the fleet. It decorates its judge.
 
     docs/operate/verification.md says what each check expects, and where the report has it.
 
     The judge is asked where `when` is true. It returns None where it finds nothing to judge, for example since a different check
     says it already. A check of what site.yml makes (`of_site`) is unknown on a computer that somebody set up by hand. A success
-    needs the parts of `needs`, so it clears them. A failure has its reason among `suspects`; without such a function it is
-    among `needs`. Where the judge names the parts that are broken, no other is suspected.
+    needs the components of `needs`, so it clears them. A failure has its reason among `suspects`; without such a function it is
+    among `needs`. Where the judge names the components that are broken, no other is suspected.
     """
 
     title: str
     scope: str = COMPUTER
     when: Callable[[CheckContext], bool] | None = None
     of_site: bool = False
-    needs: Callable[[CheckContext], Parts] = lambda context: frozenset()
-    suspects: Callable[[CheckContext], Parts] | None = None
+    needs: Callable[[CheckContext], Components] = lambda context: frozenset()
+    suspects: Callable[[CheckContext], Components] | None = None
     carries: str = ""  # its packets, a word of packet_filters.TRAFFIC: a rule that drops them is evidence, too
     shown: bool = False  # good results have rows, too
     id: str = ""  # the name of the judge without `_judge_`
@@ -113,7 +113,7 @@ class Check:
         if self.when and not self.when(context):
             return None
         if self.of_site and context.is_set_up_by_hand:
-            by_hand = make_parts("set_up", context.observer.name, "by_hand")
+            by_hand = make_components("set_up", context.observer.name, "by_hand")
             return Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up", by_hand)
         return self.judge(context)
 
@@ -208,7 +208,7 @@ class Verification:
         master = self.ways.master_at[target] if check.scope in MASTERS else None
         return CheckContext(self.state, self.run[observer], target, master)
 
-    def list_suspects(self, row: Row) -> Parts:
-        """List the parts that may be the reason of a row."""
+    def list_suspects(self, row: Row) -> Components:
+        """List the components that may be the reason of a row."""
         check = self.checks[row.check]
         return self.ways.seal((check.suspects or check.needs)(self.make_context(check, row.observer, row.target)))

@@ -10,10 +10,10 @@ from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
 
 from ..._base.sentences import shorten_list
-from ..components.parts import Component
+from ..components.component import Component
 from ..context import needs, stages
 from ..context.check_context import CheckContext
-from ..context.needs import Parts, join_parts, make_parts
+from ..context.needs import Components, join_components, make_components
 from ..context.registrations import RELAY, TEST_NODES, Clash, Conflict, RegisteredItem
 from ..context.stages import Stage
 from ..observe.observations import Exchange, SilentNode, UnreachedNode
@@ -22,7 +22,9 @@ from .engine import FAILED, OK, ROSCORES, UNKNOWN, WARNING, Check, Judgement, ju
 from .relay import find_broken_relay
 
 NAMED = 4  # registrations, names or connections that a finding names
-MOST_PARTS = 100  # names or topics of two robots that are parts: hostile ones may have a hundred thousand in common
+MOST_COMPONENTS = (
+    100  # names or topics of two robots that are components: hostile ones may have a hundred thousand in common
+)
 
 
 # Hosts of nodes
@@ -47,8 +49,8 @@ def _judge_node_hosts(context: CheckContext) -> Judgement:
     )
     verdict = FAILED if is_given else WARNING
     found = shorten_list(map(str, misplaced.values()), NAMED)
-    parts = frozenset(one.part for one in misplaced.values())
-    return judge_fault(verdict, "planned names and addresses of the robot", found, "only such", parts)
+    components = frozenset(one.component for one in misplaced.values())
+    return judge_fault(verdict, "planned names and addresses of the robot", found, "only such", components)
 
 
 @Check(
@@ -57,9 +59,9 @@ def _judge_node_hosts(context: CheckContext) -> Judgement:
 )
 def _judge_node_roscores(context: CheckContext) -> Judgement:
     strays = context.state.strays.get(context.observer.name, [])
-    parts = frozenset(one.part for one in strays)
+    components = frozenset(one.component for one in strays)
     found = shorten_list(map(str, strays), NAMED)
-    return judge_fault(WARNING, "the roscore of the robot", found, "only that", parts)
+    return judge_fault(WARNING, "the roscore of the robot", found, "only that", components)
 
 
 # Registered nodes
@@ -72,7 +74,7 @@ OWN_NODES = {
 }
 
 
-def _silent_suspects(context: CheckContext) -> Parts:
+def _silent_suspects(context: CheckContext) -> Components:
     """The nodes ended, or their computer is not reached. From a computer of the fleet a port that is gone refuses."""
     one = context.observer.name
     computers = (member.name for member in context.fleet.members if member.robot == context.observer.plan.robot)
@@ -82,22 +84,26 @@ def _silent_suspects(context: CheckContext) -> Parts:
         or (context.ways.name_at(entry.host) or entry.host) not in context.fleet.computers
         for entry in silences
     )
-    ended = make_parts("registration", one, "ghost") if may_have_ended else frozenset()
-    return ended | join_parts(needs.node_connection_parts(context, one, other) for other in computers if other != one)
+    ended = make_components("registration", one, "ghost") if may_have_ended else frozenset()
+    return ended | join_components(
+        needs.node_connection_components(context, one, other) for other in computers if other != one
+    )
 
 
-def _find_silent_parts(context: CheckContext, exchange: Exchange) -> Parts:
+def _find_silent_components(context: CheckContext, exchange: Exchange) -> Components:
     """The collection's own nodes hang, or those of fkie_mas; services that do not run have a check of their own."""
-    nodes = join_parts(
-        make_parts(kind, context.observer.name, "hung") for node, kind in OWN_NODES.items() if node in exchange.silent
+    nodes = join_components(
+        make_components(kind, context.observer.name, "hung")
+        for node, kind in OWN_NODES.items()
+        if node in exchange.silent
     )
     misplaced = context.state.misplaced.get(context.observer.plan.robot, {})
     relay = find_broken_relay(context, context.observer.name) if RELAY in exchange.silent else frozenset()
     left_out = {*misplaced, *([RELAY] if relay else [])}
     others = [entry for entry in exchange.silences if entry.node not in left_out]
     refused = [entry.node for entry in others if _has_ended(context, entry)]
-    ended = make_parts("registration", context.observer.name, "ghost", what=shorten_list(refused, NAMED))
-    people = join_parts(_find_people_parts(context, entry) for entry in others if not _is_ours(entry.node))
+    ended = make_components("registration", context.observer.name, "ghost", what=shorten_list(refused, NAMED))
+    people = join_components(_find_people_components(context, entry) for entry in others if not _is_ours(entry.node))
     return nodes | relay | stages.find_mute_talkers(context) | people | (ended if refused else frozenset())
 
 
@@ -105,13 +111,13 @@ def _is_ours(node: str) -> bool:
     return node in OWN_NODES or node.startswith(TEST_NODES)
 
 
-def _find_people_parts(context: CheckContext, entry: SilentNode) -> Parts:
+def _find_people_components(context: CheckContext, entry: SilentNode) -> Components:
     """Find why a person's node does not answer: it takes connections and hangs, or a packet filter drops them."""
     computer = context.ways.name_at(entry.host) or entry.host
     if computer not in context.fleet.computers:
         return frozenset()
     if entry.tcp_outcome == Outcome.OPEN:
-        return make_parts("node", computer, "hung", what=entry.node)
+        return make_components("node", computer, "hung", what=entry.node)
     drop = context.state.filters.find_drop(context.observer.name, computer, "nodes")
     is_dropped = drop is not None and entry.outcome != Outcome.ANSWERED and computer != context.observer.name
     return frozenset({drop}) if drop is not None and is_dropped else frozenset()
@@ -128,7 +134,8 @@ def _has_ended(context: CheckContext, entry: SilentNode) -> bool:
 @Check(
     title="registered nodes answer",
     needs=lambda context: (
-        make_parts("sync", context.observer.name, "hung") | make_parts("discovery", context.observer.name, "hung")
+        make_components("sync", context.observer.name, "hung")
+        | make_components("discovery", context.observer.name, "hung")
     ),
     suspects=_silent_suspects,
 )
@@ -140,7 +147,7 @@ def _judge_nodes_answer(context: CheckContext) -> Judgement | None:
     silent = [node for node in context.exchange.silent if node not in misplaced]
     if not silent:
         return Judgement(OK, expected, "they answer")
-    broken = _find_silent_parts(context, context.exchange)
+    broken = _find_silent_components(context, context.exchange)
     return Judgement(WARNING, expected, f"no answer of {shorten_list(silent, NAMED)}", broken)
 
 
@@ -170,23 +177,23 @@ def _is_shut(context: CheckContext, computer: str) -> bool:
     return topic is not None and not topic.heard
 
 
-def _find_fences(context: CheckContext, unreached: Iterable[tuple[str, UnreachedNode]]) -> Parts:
+def _find_fences(context: CheckContext, unreached: Iterable[tuple[str, UnreachedNode]]) -> Components:
     """Find the rules that drop connections to these nodes, and the nodes to which no connection opens, where no talker says the same."""
-    parts: Parts = frozenset()
+    components: Components = frozenset()
     for computer, entry in unreached:
         drop = context.state.filters.find_drop(context.observer.name, computer, "nodes", entry.port)
         if drop is not None:
-            parts |= {drop}
+            components |= {drop}
         elif not _is_shut(context, computer):
-            parts |= make_parts("node", computer, "fenced", what=entry.node)
-    return parts
+            components |= make_components("node", computer, "fenced", what=entry.node)
+    return components
 
 
 @Check(
     title="nodes of the other robot take connections",
     scope=ROSCORES,
     when=_has_content,
-    suspects=lambda context: join_parts(
+    suspects=lambda context: join_components(
         needs.talks(context, context.observer.name, computer, "nodes") for computer, _entry in _list_unreached(context)
     ),
 )
@@ -214,7 +221,7 @@ def _judge_names(context: CheckContext) -> Judgement:
     names = (f"the {clash.kind} {clash.name} is of {' and of '.join(clash.robots)}" for clash in clashes)
     twins = frozenset(
         Component.from_pair("registration", "twin", *clash.robots, what=f"{clash.kind} {clash.name}")
-        for clash in clashes[:MOST_PARTS]
+        for clash in clashes[:MOST_COMPONENTS]
     )
     return judge_fault(FAILED, "each name once", shorten_list(names, NAMED), "no name twice", twins)
 
@@ -229,7 +236,7 @@ def _describe_conflict(conflict: Conflict) -> str:
     return f"{conflict.topic} is {type_name} on both, with the md5 sum {its_sum} on {one} and {md5sum} on {other}"
 
 
-def _make_conflict_part(context: CheckContext, conflict: Conflict) -> Component:
+def _make_conflict_component(context: CheckContext, conflict: Conflict) -> Component:
     odd = context.state.exchanges.odd(conflict)
     if odd:
         return Component("messages", odd, "differ", conflict.topic)
@@ -246,18 +253,18 @@ def _judge_types(context: CheckContext) -> Judgement | None:
     own, its = context.robots
     conflicts, expected = context.state.exchanges.conflicts(its, own), "each topic has one type"
     if conflicts:
-        broken = frozenset(_make_conflict_part(context, conflict) for conflict in conflicts[:MOST_PARTS])
+        broken = frozenset(_make_conflict_component(context, conflict) for conflict in conflicts[:MOST_COMPONENTS])
         return Judgement(FAILED, expected, shorten_list(map(_describe_conflict, conflicts), NAMED), broken)
     error = context.exchange.types_error
     found = f"the md5 sums are not known: {error}" if error else ""
-    unread = make_parts("messages", context.observer.name, "unknown", what=error)
+    unread = make_components("messages", context.observer.name, "unknown", what=error)
     return judge_fault(UNKNOWN, expected, found, "the same types", unread)
 
 
 # Topics of two publishers
 
 
-def _list_sharers(shared: Iterable[Clash]) -> Parts:
+def _list_sharers(shared: Iterable[Clash]) -> Components:
     """One finding for two robots, whoever hears both of them."""
     topics: dict[tuple[str, str], list[str]] = defaultdict(list)
     for clash in shared:
@@ -303,28 +310,28 @@ ASKED = 20  # topics whose stages are looked at
 MOST_REGISTRATIONS = 5000  # of one master: the same number as in the nodes' sync/core/limits.py
 
 
-def _flow_suspects(context: CheckContext) -> Parts:
+def _flow_suspects(context: CheckContext) -> Components:
     own, its = context.masters
-    sync = make_parts("sync", own, "dead", "hung", "configuration")
-    fetched = needs.discovery(own) | needs.master_query_parts(context, own, its) | needs.large(context, own, its)
+    sync = make_components("sync", own, "dead", "hung", "configuration")
+    fetched = needs.discovery(own) | needs.master_query_components(context, own, its) | needs.large(context, own, its)
     return sync | fetched | needs.heartbeats(context, own, its)
 
 
 def _find_flow_faults(
     context: CheckContext, missing: Sequence[RegisteredItem], superfluous: Sequence[RegisteredItem]
-) -> Parts:
+) -> Components:
     """Superfluous registrations come from parameters of the sync node."""
     own, its = context.robots
     observer = context.observer.name
     if superfluous:
-        return make_parts("sync", observer, "configuration", what=shorten_list(map(str, superfluous), NAMED))
+        return make_components("sync", observer, "configuration", what=shorten_list(map(str, superfluous), NAMED))
     if len(context.state.exchanges.find_imports(its, own)) >= MOST_REGISTRATIONS:
-        return make_parts("sync", observer, "limit", what=context.target)
+        return make_components("sync", observer, "limit", what=context.target)
     refused = stages.find_refusals(context, [name for item in missing for name in (item.name, item.node)])
     if _loses_large(context):
         return refused  # what is told over HTTP comes in large packets: no node is at fault
     lacking = _find_lacking_stages(context, (item.name for item in missing if item.kind == "publisher"))
-    return refused or join_parts(stages.find_lacking(context, stage, topic) for topic, stage in lacking.items())
+    return refused or join_components(stages.find_lacking(context, stage, topic) for topic, stage in lacking.items())
 
 
 def _loses_large(context: CheckContext) -> bool:
@@ -351,7 +358,7 @@ def _find_lacking_stages(context: CheckContext, missing: Iterable[str] = ()) -> 
     title="robot has what it is to get, and nothing else",
     scope=ROSCORES,
     # registrations stay after a node has died, so a success clears no node
-    needs=lambda context: make_parts("sync", context.masters[0], "configuration"),
+    needs=lambda context: make_components("sync", context.masters[0], "configuration"),
     suspects=_flow_suspects,
 )
 def _judge_flow(context: CheckContext) -> Judgement | None:
@@ -359,7 +366,7 @@ def _judge_flow(context: CheckContext) -> Judgement | None:
         return None
     own, its = context.robots
     if context.exchange.error:
-        untold = make_parts("sync", context.observer.name, "untold")
+        untold = make_components("sync", context.observer.name, "untold")
         return Judgement(UNKNOWN, f"what {its} gives", context.exchange.error, untold)
     missing, superfluous = context.state.exchanges.find_missing(its, own), context.state.exchanges.superfluous(its, own)
     parts: list[tuple[str, Sequence[object]]] = [("not there", missing), ("there against the plan", superfluous)]
@@ -404,7 +411,7 @@ def _compare_copies(context: CheckContext) -> dict[str, str] | None:
     }
 
 
-def _find_copy_faults(context: CheckContext, wrong: Collection[str]) -> Parts:
+def _find_copy_faults(context: CheckContext, wrong: Collection[str]) -> Components:
     """A copy that differs shows itself. One that is not there may be missing with all the rest, since sync does not work."""
     own, its = context.robots
     is_read = context.exchange is not None and not context.exchange.error

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..context.check_context import CheckContext
-from ..context.needs import Parts
+from ..context.needs import Components
 from .engine import Check
 
 
@@ -22,4 +22,4 @@ class CheckHooks:
     #: those of them that find by how many seconds a clock is off
     offset_checks: tuple[str, ...] = ()
     #: what the clock of a computer depends on, where the feature keeps it right
-    list_clock_parts: Callable[[CheckContext, str], Parts] = lambda context, computer: frozenset()
+    list_clock_components: Callable[[CheckContext, str], Components] = lambda context, computer: frozenset()

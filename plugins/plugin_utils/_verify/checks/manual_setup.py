@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 from ..._base.sentences import shorten_list
-from ..components.parts import ANY
+from ..components.component import ANY
 from ..context.check_context import CheckContext
-from ..context.needs import make_parts
+from ..context.needs import make_components
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 
@@ -17,7 +17,7 @@ from .engine import FAILED, WARNING, Check, Judgement, judge_fault
     when=lambda context: context.was_never_set_up,
 )
 def _judge_set_up(context: CheckContext) -> Judgement:
-    never = make_parts("set_up", ANY if context.was_none_set_up else context.observer.name, "never")
+    never = make_components("set_up", ANY if context.was_none_set_up else context.observer.name, "never")
     return Judgement(FAILED, "site.yml has run", "no record of the collection", never)
 
 
@@ -29,17 +29,17 @@ def _judge_as_planned(context: CheckContext) -> Judgement | None:
     if found is None:
         return None
     other = [text.removeprefix(f"{context.observer.name}: ") for text in (*found.runs, *found.noted)]
-    parts = make_parts("set_up", context.observer.name, "others" if found.runs else "refused")
-    return judge_fault(WARNING, "nothing that site.yml would refuse", " ".join(other), "nothing", parts)
+    components = make_components("set_up", context.observer.name, "others" if found.runs else "refused")
+    return judge_fault(WARNING, "nothing that site.yml would refuse", " ".join(other), "nothing", components)
 
 
 @Check(
     title="no interface leads into another robot's network",
     when=lambda context: context.observer.seen.found is not None,
-    needs=lambda context: make_parts("interface", context.observer.name, "overlap"),
+    needs=lambda context: make_components("interface", context.observer.name, "overlap"),
 )
 def _judge_overlaps(context: CheckContext) -> Judgement:
     found = context.observer.seen.found
     named = shorten_list(found.overlaps, 4) if found else ""
-    parts = make_parts("interface", context.observer.name, "overlap", what=named)
-    return judge_fault(WARNING, "no address or route in the network of another robot", named, "none", parts)
+    components = make_components("interface", context.observer.name, "overlap", what=named)
+    return judge_fault(WARNING, "no address or route in the network of another robot", named, "none", components)

@@ -10,7 +10,7 @@ import ipaddress
 from ..._plan.model import COMMON
 from ..context import needs
 from ..context.check_context import CheckContext
-from ..context.needs import Parts, join_parts, make_parts
+from ..context.needs import Components, join_components, make_components
 from ..context.policy_routing import taker
 from ..observe.observations import Ping, TargetRoute
 from ..observe.outcomes import Outcome
@@ -37,11 +37,11 @@ def _find_duplicates(context: CheckContext) -> dict[str, list[str]]:
     return found
 
 
-def _duplicate_needs(context: CheckContext) -> Parts:
+def _duplicate_needs(context: CheckContext) -> Components:
     """A computer that gets no ARP answer for its own address is alone with it, for all observers."""
     name = context.observer.name
-    return make_parts("interface", name, "duplicate") | join_parts(
-        make_parts("interface", name, "duplicate", what=other)
+    return make_components("interface", name, "duplicate") | join_components(
+        make_components("interface", name, "duplicate", what=other)
         for other in (*context.ways.members, *context.ways.titles)
     )
 
@@ -54,8 +54,10 @@ def _duplicate_needs(context: CheckContext) -> Parts:
 def _judge_address_once(context: CheckContext) -> Judgement:
     twice = _find_duplicates(context)
     found = "; ".join(f"for {address} also {' and '.join(macs)}" for address, macs in twice.items())
-    parts = join_parts(make_parts("interface", context.ways.name_at(address), "duplicate") for address in twice)
-    return judge_fault(FAILED, "one computer answers for each address", found, "one for each", parts)
+    components = join_components(
+        make_components("interface", context.ways.name_at(address), "duplicate") for address in twice
+    )
+    return judge_fault(FAILED, "one computer answers for each address", found, "one for each", components)
 
 
 # The name
@@ -99,8 +101,8 @@ def _judge_name(context: CheckContext) -> Judgement:
         return Judgement(OK, expected, found)
     # Fig. 6 of the report leaves 127.0.1.1 at the own name, and these robots talk.
     verdict = WARNING if context.is_set_up_by_hand and _is_own_too(context) else FAILED
-    parts = make_parts("names", context.observer.name, _name_mistake(context), what=context.target)
-    return Judgement(verdict, expected, found, parts)
+    components = make_components("names", context.observer.name, _name_mistake(context), what=context.target)
+    return Judgement(verdict, expected, found, components)
 
 
 # The name, as others than root look it up
@@ -109,7 +111,7 @@ def _judge_name(context: CheckContext) -> Judgement:
 @Check(
     title="name means the same without rights",
     scope=ITSELF_TOO,
-    needs=lambda context: make_parts("names", context.observer.name, "rights"),
+    needs=lambda context: make_components("names", context.observer.name, "rights"),
 )
 def _judge_user_name(context: CheckContext) -> Judgement | None:
     found = context.member.user_addresses
@@ -118,44 +120,50 @@ def _judge_user_name(context: CheckContext) -> Judgement | None:
     expected = f"{context.address}, as for root"
     if found == (context.address,):
         return Judgement(OK, expected, context.address)
-    parts = make_parts("names", context.observer.name, "rights", what=context.target)
-    return Judgement(FAILED, expected, ", ".join(found) or "no address", parts)
+    components = make_components("names", context.observer.name, "rights", what=context.target)
+    return Judgement(FAILED, expected, ", ".join(found) or "no address", components)
 
 
 # The route
 
 
-def _route_needs(context: CheckContext) -> Parts:
+def _route_needs(context: CheckContext) -> Components:
     if not context.way.crosses:
         return frozenset()
-    found = make_parts("route", context.observer.name, "missing", "other", what=context.ways.network(context.robots[1]))
-    return found | make_parts("route", context.observer.name, "missing")
+    found = make_components(
+        "route", context.observer.name, "missing", "other", what=context.ways.network(context.robots[1])
+    )
+    return found | make_components("route", context.observer.name, "missing")
 
 
-def _find_route_fault(context: CheckContext, route: TargetRoute) -> Parts:
+def _find_route_fault(context: CheckContext, route: TargetRoute) -> Components:
     mode, what = taker(context.probe.policy, context.address)
     if mode and (route.error or (route.gateway or "") not in context.way.hops):
-        return make_parts("route", context.observer.name, mode, what=what)
-    return _route_absence_parts(context) if route.error else _wrong_route_parts(context, route)
+        return make_components("route", context.observer.name, mode, what=what)
+    return _route_absence_components(context) if route.error else _wrong_route_components(context, route)
 
 
-def _route_absence_parts(context: CheckContext) -> Parts:
+def _route_absence_components(context: CheckContext) -> Components:
     name, network = context.observer.name, context.ways.network(context.robots[1])
     if not context.way.crosses:
         small = bool(context.observer.find_wrong_prefixes())  # the target is beyond what it takes for its network
-        return make_parts("interface", name, "prefix") if small else make_parts("link", name, "down", what=network)
-    return make_parts("route", name, "missing", what="" if _has_no_routes(context) else network)
+        return (
+            make_components("interface", name, "prefix")
+            if small
+            else make_components("link", name, "down", what=network)
+        )
+    return make_components("route", name, "missing", what="" if _has_no_routes(context) else network)
 
 
-def _wrong_route_parts(context: CheckContext, route: TargetRoute) -> Parts:
+def _wrong_route_components(context: CheckContext, route: TargetRoute) -> Components:
     name, network, by = context.observer.name, context.ways.network(context.robots[1]), route.gateway or ""
     if _leaves_fleet(context, route.device):
-        return make_parts("route", name, "other", what=network)
+        return make_components("route", name, "other", what=network)
     if by not in context.way.hops:
         if not (by and context.way.crosses):  # it is sent to a gateway, and is in this network, or the other way round
-            return make_parts("interface", name, "prefix")
-        return make_parts("route", name, "missing" if _falls_to_default(context, by) else "other", what=network)
-    return make_parts("interface", name, "address")
+            return make_components("interface", name, "prefix")
+        return make_components("route", name, "missing" if _falls_to_default(context, by) else "other", what=network)
+    return make_components("interface", name, "address")
 
 
 def _leaves_fleet(context: CheckContext, device: str | None) -> bool:
@@ -197,9 +205,13 @@ def _judge_route(context: CheckContext) -> Judgement | None:
 # The ping by address
 
 
-def _ping_needs(context: CheckContext) -> Parts:
+def _ping_needs(context: CheckContext) -> Components:
     one, other = context.observer.name, context.target
-    return needs.way(context, one, other) | needs.passes(one, other, "icmp") | make_parts("setting", other, "icmp_all")
+    return (
+        needs.way(context, one, other)
+        | needs.passes(one, other, "icmp")
+        | make_components("setting", other, "icmp_all")
+    )
 
 
 def _answers_sometimes(context: CheckContext) -> bool:
@@ -207,10 +219,12 @@ def _answers_sometimes(context: CheckContext) -> bool:
     return context.member.loss is not None and context.member.loss < 1.0
 
 
-def _ping_suspects(context: CheckContext) -> Parts:
+def _ping_suspects(context: CheckContext) -> Components:
     if _answers_sometimes(context):
-        return needs.loss_parts(context, context.observer.name, context.target)
-    asked = needs.arp_parts(context, context.observer.name, context.target) if context.member.silent else frozenset()
+        return needs.loss_components(context, context.observer.name, context.target)
+    asked = (
+        needs.arp_components(context, context.observer.name, context.target) if context.member.silent else frozenset()
+    )
     return _ping_needs(context) - asked
 
 
@@ -260,7 +274,7 @@ def _judge_tcp_answer(context: CheckContext) -> Judgement | None:
     when=lambda context: not context.observer.plan.is_router,
     needs=lambda context: _ping_needs(context) | needs.names(context.observer.name, context.target),
     suspects=lambda context: (
-        needs.loss_parts(context, context.observer.name, context.target)
+        needs.loss_components(context, context.observer.name, context.target)
         if _answers_sometimes(context) and context.address in context.member.addresses[:1]
         else _ping_needs(context) | needs.names(context.observer.name, context.target)
     ),
@@ -291,7 +305,7 @@ def _judge_ping_large(context: CheckContext) -> Judgement | None:
 @Check(
     title="few pings are lost",
     scope=MEMBER,
-    needs=lambda context: needs.loss_parts(context, context.observer.name, context.target),
+    needs=lambda context: needs.loss_components(context, context.observer.name, context.target),
 )
 def _judge_ping_loss(context: CheckContext) -> Judgement | None:
     loss = context.member.loss
@@ -306,7 +320,7 @@ def _judge_ping_loss(context: CheckContext) -> Judgement | None:
 @Check(
     title="address belongs to one computer",
     scope=MEMBER,
-    needs=lambda context: make_parts("interface", context.target, "duplicate", what=context.observer.name),
+    needs=lambda context: make_components("interface", context.target, "duplicate", what=context.observer.name),
 )
 def _judge_neighbour(context: CheckContext) -> Judgement | None:
     seen, known = context.member.neighbour.lower(), context.peer.macs if context.peer else frozenset()
@@ -315,12 +329,12 @@ def _judge_neighbour(context: CheckContext) -> Judgement | None:
     expected = f"{context.address} is at {' or '.join(sorted(known))}"
     if context.peer and seen in context.peer.hardware_addresses:
         return Judgement(OK, expected, f"it is at {seen}")
-    parts = (
-        make_parts("neighbour", context.observer.name, "fixed", what=context.target)
+    components = (
+        make_components("neighbour", context.observer.name, "fixed", what=context.target)
         if context.member.neighbour_fixed
-        else make_parts("interface", context.target, "duplicate", what=context.observer.name)
+        else make_components("interface", context.target, "duplicate", what=context.observer.name)
     )
-    return Judgement(WARNING, expected, f"it is at {seen}", parts)  # a proxy may answer for it
+    return Judgement(WARNING, expected, f"it is at {seen}", components)  # a proxy may answer for it
 
 
 # Whether a neighbour answers, whatever its packet filters drop
@@ -328,15 +342,15 @@ def _judge_neighbour(context: CheckContext) -> Judgement | None:
 
 @Check(
     title="its packet filter lets ARP pass",
-    needs=lambda context: make_parts("neighbour", context.observer.name, "filter"),
+    needs=lambda context: make_components("neighbour", context.observer.name, "filter"),
 )
 def _judge_arp_filter(context: CheckContext) -> Judgement | None:
     filters = context.observer.seen.filters
     if filters is None or not filters.readable:
         return None
     found = ", ".join(filters.arp)
-    parts = make_parts("neighbour", context.observer.name, "filter", what=found)
-    return judge_fault(FAILED, "no packet filter that drops ARP", found, "none", parts)
+    components = make_components("neighbour", context.observer.name, "filter", what=found)
+    return judge_fault(FAILED, "no packet filter that drops ARP", found, "none", components)
 
 
 def _arp_question(context: CheckContext) -> tuple[str, str]:
@@ -348,10 +362,10 @@ def _arp_question(context: CheckContext) -> tuple[str, str]:
     return (outer, COMMON) if own != its and outer in context.observer.claimed else ("", "")
 
 
-def _arp_needs(context: CheckContext) -> Parts:
+def _arp_needs(context: CheckContext) -> Components:
     one, other, network = context.observer.name, context.target, _arp_question(context)[1]
-    ports = needs.port_parts(context, one) | needs.port_parts(context, other)
-    return needs.silent_parts(one, other, network) | make_parts("neighbour", other, "mute", "filter") | ports
+    ports = needs.port_components(context, one) | needs.port_components(context, other)
+    return needs.silent_components(one, other, network) | make_components("neighbour", other, "mute", "filter") | ports
 
 
 @Check(
@@ -359,7 +373,7 @@ def _arp_needs(context: CheckContext) -> Parts:
     scope=MEMBER,
     needs=_arp_needs,
     # In a network that is too large, a computer looks for those of other networks, too.
-    suspects=lambda context: _arp_needs(context) | make_parts("interface", context.observer.name, "prefix"),
+    suspects=lambda context: _arp_needs(context) | make_components("interface", context.observer.name, "prefix"),
 )
 def _judge_answers_arp(context: CheckContext) -> Judgement | None:
     address, _network = _arp_question(context)

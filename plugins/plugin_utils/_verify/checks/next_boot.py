@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Checks of the next boot: deviations from the plan that come with it. One check for each kind of part."""
+"""Checks of the next boot: deviations from the plan that come with it. One check for each kind of component."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from ..context.check_context import CheckContext
-from ..context.needs import join_parts, make_parts
+from ..context.needs import join_components, make_components
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 
@@ -21,14 +21,16 @@ def _check(kind: str, title: str, planned: Callable[[CheckContext], bool], fine:
     def judge(context: CheckContext) -> Judgement:
         entries = [entry for entry in context.probe.next_boot if entry.kind == kind]
         states = "; ".join(f"{entry.name}: {entry.found}" for entry in entries)
-        parts = join_parts(make_parts("boot", context.observer.name, kind, what=entry.name) for entry in entries)
-        return judge_fault(FAILED, entries[0].expected if entries else fine, states, fine, parts)
+        components = join_components(
+            make_components("boot", context.observer.name, kind, what=entry.name) for entry in entries
+        )
+        return judge_fault(FAILED, entries[0].expected if entries else fine, states, fine, components)
 
     return Check(
         title=title,
         when=has_plan,
         of_site=True,
-        needs=lambda context: make_parts("boot", context.observer.name, kind),
+        needs=lambda context: make_components("boot", context.observer.name, kind),
         id=f"next_boot_{kind}",
         judge=judge,
     )
@@ -62,7 +64,7 @@ NAMES = _check(
 
 @Check(
     title="nodes can start",
-    needs=lambda context: make_parts("ros", context.observer.name, "broken"),
+    needs=lambda context: make_components("ros", context.observer.name, "broken"),
 )
 def _judge_next_start(context: CheckContext) -> Judgement | None:
     found = context.observer.seen.found
@@ -70,5 +72,5 @@ def _judge_next_start(context: CheckContext) -> Judgement | None:
         return None
     verdict = FAILED if context.observer.plan.is_master else WARNING
     broken = found.broken_ros.removeprefix(f"{context.observer.name}: ")
-    parts = make_parts("ros", context.observer.name, "broken")
-    return judge_fault(verdict, "nodes that are started now find their modules", broken, "as planned", parts)
+    components = make_components("ros", context.observer.name, "broken")
+    return judge_fault(verdict, "nodes that are started now find their modules", broken, "as planned", components)

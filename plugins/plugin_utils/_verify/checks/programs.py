@@ -7,20 +7,20 @@ from __future__ import annotations
 
 from ..._base.sentences import shorten_list
 from ..context.check_context import CheckContext, Participant
-from ..context.needs import Parts, join_parts, make_parts
+from ..context.needs import Components, join_components, make_components
 from ..observe.observations import ContainerNames, Disk, FileLimit, ParameterDifference, Probe
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 # The parameters of the nodes
 
-# (node, parameter) -> the part that it decides; any other parameter is of the node's configuration.
+# (node, parameter) -> the component that it decides; any other parameter is of the node's configuration.
 DECIDES = {
     ("master_discovery", "mcast_group"): ("discovery", "group"),
     ("master_discovery", "mcast_port"): ("discovery", "group"),
     ("master_discovery", "rpc_port"): ("discovery", "port"),
     ("master_discovery", "interface"): ("interface", "multicast"),
 }
-# node -> the kind of its parts, and the modes that its parameters decide
+# node -> the kind of its components, and the modes that its parameters decide
 NODES = {
     "master_discovery": ("discovery", "group", "port", "configuration"),
     "master_sync": ("sync", "configuration"),
@@ -32,18 +32,18 @@ def _has_parameters(context: CheckContext) -> bool:
     return context.observer.plan.is_master and bool(context.probe.parameters.nodes)
 
 
-def _parameter_part(context: CheckContext, entry: ParameterDifference) -> Parts:
+def _parameter_component(context: CheckContext, entry: ParameterDifference) -> Components:
     if entry.node not in NODES:
         return frozenset()  # a strange computer tells of a node that nobody asked for
     kind, mode = DECIDES.get((entry.node, entry.name), (NODES[entry.node][0], "configuration"))
     what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
-    return make_parts(kind, context.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))
+    return make_components(kind, context.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))
 
 
-def _parameters_needs(context: CheckContext) -> Parts:
+def _parameters_needs(context: CheckContext) -> Components:
     """A node that was compared has the parameters of the plan."""
     compared = [NODES[node] for node in context.probe.parameters.nodes if node in NODES]
-    return join_parts(make_parts(kind, context.observer.name, *modes) for kind, *modes in compared)
+    return join_components(make_components(kind, context.observer.name, *modes) for kind, *modes in compared)
 
 
 @Check(
@@ -57,7 +57,7 @@ def _judge_parameters(context: CheckContext) -> Judgement:
     expected = "; ".join(f"{entry.name} {entry.expected}" for entry in differing) or "the parameters of the plan"
     found = "; ".join(f"{entry.name} of {entry.node} is {entry.found}" for entry in differing)
     return judge_fault(
-        FAILED, expected, found, "the same", join_parts(_parameter_part(context, one) for one in differing)
+        FAILED, expected, found, "the same", join_components(_parameter_component(context, one) for one in differing)
     )
 
 
@@ -84,16 +84,16 @@ def _list_clocks(probe: Probe) -> list[str]:
 def _judge_simulated_time(context: CheckContext) -> Judgement:
     name, clocks = context.observer.name, _list_clocks(context.probe)
     real = sorted(one.plan.robot for one in _list_masters(context) if not one.probe.parameters.simulated)
-    parts: Parts = frozenset()
+    components: Components = frozenset()
     found = []
     if real:
         found.append(f"/use_sim_time is true here, and not at the roscore of {shorten_list(real)}")
         source = f"; its /clock comes from {shorten_list(clocks)}" if clocks else ""
-        parts |= make_parts("time", name, "simulated", what=f"{shorten_list(real)}{source}")
+        components |= make_components("time", name, "simulated", what=f"{shorten_list(real)}{source}")
     if not clocks and not context.probe.exchange.error:
         found.append("/use_sim_time is true here, and no node publishes /clock")
-        parts |= make_parts("time", name, "stopped")
-    return judge_fault(WARNING, "/use_sim_time alike on all robots, and a /clock", "; ".join(found), "so", parts)
+        components |= make_components("time", name, "stopped")
+    return judge_fault(WARNING, "/use_sim_time alike on all robots, and a /clock", "; ".join(found), "so", components)
 
 
 # Room
@@ -109,34 +109,36 @@ def _is_full(disk: Disk) -> bool:
 @Check(
     title="services have room to write",
     when=lambda context: bool(context.probe.disks),
-    needs=lambda context: make_parts("computer", context.observer.name, "disk"),
+    needs=lambda context: make_components("computer", context.observer.name, "disk"),
 )
 def _judge_room(context: CheckContext) -> Judgement:
     full = [disk for disk in context.probe.disks if _is_full(disk)]
     found = "; ".join(f"{disk.path}: {disk.free_bytes} bytes and {disk.free_files} files" for disk in full)
-    parts = join_parts(make_parts("computer", context.observer.name, "disk", what=disk.path) for disk in full)
-    return judge_fault(FAILED, "1 MiB and 16 files left where services write", found, "enough", parts)
+    components = join_components(
+        make_components("computer", context.observer.name, "disk", what=disk.path) for disk in full
+    )
+    return judge_fault(FAILED, "1 MiB and 16 files left where services write", found, "enough", components)
 
 
 # Limits
 
 
-def _limit_part(context: CheckContext, entry: FileLimit) -> Parts:
+def _limit_component(context: CheckContext, entry: FileLimit) -> Components:
     """A unit has its limit in its file; another node has that of the shell or the container that started it."""
     if entry.unit:
-        return make_parts("limit", context.observer.name, "unit", what=entry.unit)
-    return make_parts("limit", context.observer.name, "shell", what=entry.node)
+        return make_components("limit", context.observer.name, "unit", what=entry.unit)
+    return make_components("limit", context.observer.name, "shell", what=entry.node)
 
 
 @Check(
     title="nodes have an ordinary limit of open files",
     when=lambda context: context.observer.is_probed and not context.observer.lacks_ros,
-    needs=lambda context: make_parts("limit", context.observer.name, "unit", "shell"),
+    needs=lambda context: make_components("limit", context.observer.name, "unit", "shell"),
 )
 def _judge_file_limits(context: CheckContext) -> Judgement:
     found = shorten_list(f"{entry.limit} for {entry.node}" for entry in context.probe.file_limits)
-    parts = join_parts(_limit_part(context, entry) for entry in context.probe.file_limits)
-    return judge_fault(WARNING, "1048576 open files at most", found, "no process of ROS with more", parts)
+    components = join_components(_limit_component(context, entry) for entry in context.probe.file_limits)
+    return judge_fault(WARNING, "1048576 open files at most", found, "no process of ROS with more", components)
 
 
 # Containers
@@ -150,9 +152,13 @@ def _describe_container(entry: ContainerNames) -> str:
     title="containers have the names of the fleet",
     # without names, addresses are told
     when=lambda context: context.observer.is_probed and "ROS_HOSTNAME" in context.observer.plan.environment,
-    needs=lambda context: make_parts("container", context.observer.name, "names"),
+    needs=lambda context: make_components("container", context.observer.name, "names"),
 )
 def _judge_container_names(context: CheckContext) -> Judgement | None:
     lacking = list(map(_describe_container, context.probe.container_names))
-    parts = join_parts(make_parts("container", context.observer.name, "names", what=one) for one in lacking)
-    return judge_fault(WARNING, "the names of the fleet in each container", "; ".join(lacking), "none lacks one", parts)
+    components = join_components(
+        make_components("container", context.observer.name, "names", what=one) for one in lacking
+    )
+    return judge_fault(
+        WARNING, "the names of the fleet in each container", "; ".join(lacking), "none lacks one", components
+    )

@@ -11,10 +11,10 @@ from typing import Any
 from ..._base.sentences import shorten_list
 from ..._inventory.filters import matches
 from ..._inventory.flows import find_inner_name, find_outer_name, list_names
-from ..components.parts import Component
+from ..components.component import Component
 from ..context import needs
 from ..context.check_context import CheckContext
-from ..context.needs import Parts, join_parts, make_parts
+from ..context.needs import Components, join_components, make_components
 from ..context.registrations import RELAY, TEST_NODES
 from ..observe.observations import ServiceState
 from ..observe.outcomes import Outcome
@@ -100,38 +100,38 @@ _WRITTEN = "master_relay"  # the node whose parameters are compared
 UNIT = "multimaster-relay.service"
 
 
-def find_broken_relay(context: CheckContext, *computers: str) -> Parts:
+def find_broken_relay(context: CheckContext, *computers: str) -> Components:
     """Find what is wrong with the relays of some computers themselves: what does not cross follows from it."""
-    parts: Parts = frozenset()
+    components: Components = frozenset()
     for name in computers:
         computer = context.run.get(name)
         if computer is None or not computer.is_probed:
             continue
         for entry in computer.probe.services:
             if entry.unit == UNIT and entry.active_state and entry.active_state != "active":
-                parts |= make_parts("service", name, find_mode(entry), what=UNIT)
+                components |= make_components("service", name, find_mode(entry), what=UNIT)
             elif entry.unit == UNIT and entry.stopped:
-                parts |= make_parts("service", name, "stopped", what=UNIT)
+                components |= make_components("service", name, "stopped", what=UNIT)
         differing = [one for one in computer.probe.parameters.differing if one.node == _WRITTEN]
-        parts |= join_parts(
-            make_parts("relay", name, "configuration", what=f"{one.name} is {one.found}") for one in differing
+        components |= join_components(
+            make_components("relay", name, "configuration", what=f"{one.name} is {one.found}") for one in differing
         )
-    return parts
+    return components
 
 
 def find_mode(entry: ServiceState) -> str:
-    """Return the mode of the part of a service that is not active."""
+    """Return the mode of the component of a service that is not active."""
     if entry.load_state == "not-found":
         return "missing"
     return "looping" if entry.active_state == "activating" and entry.restarts else "down"
 
 
-def _suspects(context: CheckContext) -> Parts:
+def _suspects(context: CheckContext) -> Components:
     own, its = context.masters
     return (
-        make_parts("service", own, "down")
-        | make_parts("service", its, "down")
-        | needs.master_query_parts(context, own, its)
+        make_components("service", own, "down")
+        | make_components("service", its, "down")
+        | needs.master_query_components(context, own, its)
     )
 
 
@@ -150,8 +150,8 @@ def _find_other_types(context: CheckContext) -> list[str]:
     return sorted(set(found))
 
 
-def _find_unreached(context: CheckContext) -> tuple[str, Parts]:
-    """Find why the relay of the target's robot is not reached, or the port of its data: in words, and the parts that are sure."""
+def _find_unreached(context: CheckContext) -> tuple[str, Components]:
+    """Find why the relay of the target's robot is not reached, or the port of its data: in words, and the components that are sure."""
     own, its = context.masters
     row = next((one for one in context.probe.relays if one.robot == context.robots[1]), None)
     if row is None or row.outcome == Outcome.NOT_TRIED:
@@ -165,11 +165,11 @@ def _find_unreached(context: CheckContext) -> tuple[str, Parts]:
     if broken:
         return found, broken
     if outcome == Outcome.REFUSED and not is_data:
-        return found, make_parts("service", its, "down", what=UNIT)
+        return found, make_components("service", its, "down", what=UNIT)
     drop = context.state.filters.find_drop(own, its, "nodes", port)
     if drop is not None:
         return found, frozenset({drop})
-    return found, make_parts(
+    return found, make_components(
         "node", its, "fenced", what=RELAY
     ) if outcome == Outcome.NO_ANSWER and is_data else frozenset()
 
@@ -195,8 +195,8 @@ def _judge_relay_types(context: CheckContext) -> Judgement | None:
     if not _list_channels(context) or any(robot not in robots for robot in context.robots):
         return None
     found = shorten_list(_find_other_types(context), NAMED)
-    part = Component.from_pair("messages", "differ", *context.robots, what=found)
-    return judge_fault(FAILED, "one type of each topic on both sides", found, "so", frozenset({part}))
+    component = Component.from_pair("messages", "differ", *context.robots, what=found)
+    return judge_fault(FAILED, "one type of each topic on both sides", found, "so", frozenset({component}))
 
 
 @Check(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from ..._base.hosts import host_of
 from ..context import needs, stages
 from ..context.check_context import CheckContext
-from ..context.needs import Parts, make_parts
+from ..context.needs import Components, make_components
 from ..context.stages import Stage
 from ..observe.observations import HeardTopic, Probe
 from ..observe.outcomes import Outcome
@@ -23,53 +23,55 @@ def _gives_nothing(context: CheckContext) -> bool:
     return own != its and context.state.exchanges.flows.declares_nothing(its, own)
 
 
-def _topic_needs(context: CheckContext) -> Parts:
+def _topic_needs(context: CheckContext) -> Components:
     """A topic that is heard need not be registered here: the other robot may have registered this subscriber, and called it.
 
     A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared.
     """
-    connected = needs.node_connection_parts(context, context.observer.name, context.target)
+    connected = needs.node_connection_components(context, context.observer.name, context.target)
     if context.topic is not None and not any(publisher.uri for publisher in context.topic.publishers):
         return connected
-    registered = needs.registration_parts(context, context.observer.name, context.target)
+    registered = needs.registration_components(context, context.observer.name, context.target)
     return connected | (registered - needs.passes(*context.masters, "rpc"))
 
 
-def _topic_suspects(context: CheckContext) -> Parts:
+def _topic_suspects(context: CheckContext) -> Components:
     """A topic that is registered at the observer's roscore needs only the connection."""
     one, other, topic = context.observer.name, context.target, context.topic
-    listens = make_parts("registration", one, "listener")
+    listens = make_components("registration", one, "listener")
     if topic is None:
-        there = make_parts("computer", other, "off", "unmeasured", "login") | needs.roscore(
+        there = make_components("computer", other, "off", "unmeasured", "login") | needs.roscore(
             context, other, context.masters[1]
         )
-        return there | make_parts("registration", other, "talker") | listens
+        return there | make_components("registration", other, "talker") | listens
     if not topic.listened:
-        return listens | make_parts("computer", one, "overloaded") | needs.roscore(context, one, context.masters[0])
+        return (
+            listens | make_components("computer", one, "overloaded") | needs.roscore(context, one, context.masters[0])
+        )
     stage = stages.find_stage(stages.observe_call(context))
     if stage == Stage.REGISTERED:
-        return needs.home_parts(context, other)
+        return needs.home_components(context, other)
     told = needs.passes(context.masters[0], one, "nodes")  # its roscore tells it of a new publisher
-    odd = make_parts("computer", one, "overloaded") | needs.large(context, one, other)
+    odd = make_components("computer", one, "overloaded") | needs.large(context, one, other)
     if topic.reached_outcome == Outcome.OPEN:  # its message is late, or too large
-        return odd | make_parts("computer", other, "overloaded") | told | listens
+        return odd | make_components("computer", other, "overloaded") | told | listens
     if topic.publishers:
-        return needs.node_connection_parts(context, one, other) - listens | told | odd
+        return needs.node_connection_components(context, one, other) - listens | told | odd
     own, its = context.masters
-    beyond = make_parts("sync", own, "configuration") | needs.discovery(own) | needs.heartbeats(context, own, its)
+    beyond = make_components("sync", own, "configuration") | needs.discovery(own) | needs.heartbeats(context, own, its)
     sizes = needs.large(context, own, its) | needs.large(context, one, own) | needs.large(context, other, its)
-    return needs.registration_parts(context, one, other) | sizes | (beyond if own != its else frozenset())
+    return needs.registration_components(context, one, other) | sizes | (beyond if own != its else frozenset())
 
 
-def _find_topic_fault(context: CheckContext, topic: HeardTopic) -> Parts:
+def _find_topic_fault(context: CheckContext, topic: HeardTopic) -> Components:
     if not topic.listened:
         return frozenset()
     if stages.is_filtered(context, topic.topic):
-        return make_parts("declaration", context.robots[0], "narrow", what="the test topic /multimaster_verify/*")
+        return make_components("declaration", context.robots[0], "narrow", what="the test topic /multimaster_verify/*")
     there = context.peer.probe if context.peer else Probe()
     # Without its roscore no talker runs.
     if there.talker and not there.talker.running and not there.roscore.error and not topic.publishers:
-        return make_parts("registration", context.target, "talker", what=there.talker.error)
+        return make_components("registration", context.target, "talker", what=there.talker.error)
     return stages.find_lacking(context, stages.find_stage(stages.observe_call(context)), topic.topic)
 
 
@@ -105,7 +107,7 @@ def _judge_topic_heard(context: CheckContext) -> Judgement | None:
 @Check(
     title="rostopic info shows a direct connection",
     scope=MEMBER,
-    suspects=lambda context: needs.registration_parts(context, context.observer.name, context.target),
+    suspects=lambda context: needs.registration_components(context, context.observer.name, context.target),
 )
 def _judge_direct_connection(context: CheckContext) -> Judgement | None:
     if context.topic is None or not context.topic.publishers:
@@ -115,7 +117,7 @@ def _judge_direct_connection(context: CheckContext) -> Judgement | None:
     good = all(host_of(publisher.uri) in called for publisher in publishers)
     found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
     others = sorted({host_of(publisher.uri) or publisher.uri for publisher in publishers if publisher.uri} - called)
-    shell = make_parts("environment", context.target, "shell", what=f"they call themselves {', '.join(others)}")
+    shell = make_components("environment", context.target, "shell", what=f"they call themselves {', '.join(others)}")
     return Judgement(
         OK if good else FAILED, f"the publisher is on {context.target}", found, shell if others else frozenset()
     )

@@ -10,7 +10,7 @@ from ipaddress import IPv4Address
 from ..._base.hosts import host_of
 from ..._plan.model import COMMON
 from ..context.check_context import CheckContext
-from ..context.needs import Parts, join_parts, make_parts
+from ..context.needs import Components, join_components, make_components
 from ..observe.observations import IgnoredSender
 from ..observe.uris import is_one_of
 from .engine import WARNING, Check, Judgement, judge_fault
@@ -45,15 +45,17 @@ def _is_allowed(context: CheckContext, address: str) -> bool:
         return False
 
 
-def _list_strangers(context: CheckContext) -> Parts:
+def _list_strangers(context: CheckContext) -> Components:
     """Each of them is one, by whomever it is seen."""
     outsiders = context.probe.outsiders
     found = {**_find_unwanted(context), **{entry.address: entry.name for entry in outsiders}}
-    known = join_parts(
-        _misread_member_parts(context, entry) for entry in outsiders if context.ways.name_at(entry.address)
+    known = join_components(
+        _misread_member_components(context, entry) for entry in outsiders if context.ways.name_at(entry.address)
     )
     strange = {at: name for at, name in found.items() if not context.ways.name_at(at)}
-    return known | join_parts(make_parts("stranger", at or name, "present", what=name) for at, name in strange.items())
+    return known | join_components(
+        make_components("stranger", at or name, "present", what=name) for at, name in strange.items()
+    )
 
 
 def _find_unwanted(context: CheckContext) -> dict[str, str]:
@@ -63,14 +65,14 @@ def _find_unwanted(context: CheckContext) -> dict[str, str]:
     return {at: name for at, name in {**senders, **guests}.items() if not _is_allowed(context, at)}
 
 
-def _misread_member_parts(context: CheckContext, entry: IgnoredSender) -> Parts:
+def _misread_member_components(context: CheckContext, entry: IgnoredSender) -> Components:
     """A computer of the fleet that is ignored: its master calls itself otherwise, or its gateway translates its address."""
     computer = context.ways.name_at(entry.address)
     master = context.ways.master_at.get(computer)
     if master is not None and not is_one_of(entry.uri, context.fleet.master_uris[master.robot]):
-        return make_parts("roscore", computer, "name", what=entry.uri)
+        return make_components("roscore", computer, "name", what=entry.uri)
     beyond = COMMON if computer in context.ways.titles else ""
-    return make_parts("translation", computer, "on", what=beyond)
+    return make_components("translation", computer, "on", what=beyond)
 
 
 @Check(

@@ -2,4 +2,4 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What can be broken, and what follows from what."""
 
-__all__ = ("parts",)
+__all__ = ("component",)

@@ -16,7 +16,7 @@ from ipaddress import IPv4Interface, IPv4Network
 from ..._network import facts, packets, plan_world
 from ..._network.model import Interface, Machine, Route, World, kernel_routes
 from ..._plan.model import ComputerPlan, FleetPlan
-from ..components.parts import Component
+from ..components.component import Component
 from ..observe.observations import ForwardingInterface
 from .check_context import FleetState, Participant
 from .packet_filters import TRAFFIC
@@ -30,7 +30,7 @@ class ActualWorld:
 
     def __init__(self, state: FleetState, faults: Iterable[Component]) -> None:
         self._state = state
-        self._faults = [part for part in faults if part.kind in KINDS]
+        self._faults = [component for component in faults if component.kind in KINDS]
         self._world = _make_world(state, self._faults) if self._faults else None
 
     def find_fault(self, sender: str, target: str, traffic: str) -> Component | None:
@@ -47,7 +47,7 @@ class ActualWorld:
             return None
         asked = str(end.hops[-1].to) if end.outcome == packets.NOBODY and end.hops else ""
         places = (end.where, ways.name_at(asked))
-        return next((part for place in places for part in self._faults if place in part.places), None)
+        return next((component for place in places for component in self._faults if place in component.places), None)
 
 
 def _make_world(state: FleetState, faults: Sequence[Component]) -> World:
@@ -58,12 +58,12 @@ def _make_world(state: FleetState, faults: Sequence[Component]) -> World:
         if computer.interfaces and name in planned.machines
     }
     world = World({**planned.machines, **machines}, planned.links)
-    for part in faults:
-        change, machine = CHANGES.get((part.kind, part.mode)), world.machines.get(part.place)
-        if (part.kind, part.mode) == DEAD:
-            world = _cut_network(world, part.place)
+    for component in faults:
+        change, machine = CHANGES.get((component.kind, component.mode)), world.machines.get(component.place)
+        if (component.kind, component.mode) == DEAD:
+            world = _cut_network(world, component.place)
         elif change and machine:
-            world = world.replace_machine(change(state.fleet, machine, part))
+            world = world.replace_machine(change(state.fleet, machine, component))
     return facts.merge_links(state.fleet, world)
 
 
@@ -104,13 +104,13 @@ def _cut_network(world: World, name: str) -> World:
     return replace(world, links={**world.links, name: replace(link, up=False)}) if link else world
 
 
-def _switch_off(_fleet: FleetPlan, machine: Machine, _part: Component) -> Machine:
+def _switch_off(_fleet: FleetPlan, machine: Machine, _component: Component) -> Machine:
     return replace(machine, on=False)
 
 
-def _cut_link(_fleet: FleetPlan, machine: Machine, part: Component) -> Machine:
+def _cut_link(_fleet: FleetPlan, machine: Machine, component: Component) -> Machine:
     """Take an interface down, of a device without a probe, too."""
-    interfaces = [replace(one, up=False) if part.what in ("", one.link) else one for one in machine.interfaces]
+    interfaces = [replace(one, up=False) if component.what in ("", one.link) else one for one in machine.interfaces]
     return replace(machine, interfaces=tuple(interfaces))
 
 
@@ -120,24 +120,24 @@ def _close_routes(machine: Machine, networks: Iterable[IPv4Network]) -> Machine:
     return replace(machine, routes=(*closed, *machine.routes))
 
 
-def _lose_route(fleet: FleetPlan, machine: Machine, part: Component) -> Machine:
+def _lose_route(fleet: FleetPlan, machine: Machine, component: Component) -> Machine:
     """Take away the way to a network, or to all others."""
     own = {address.network for one in machine.interfaces for address in one.addresses}
-    gone = (network for network, link in fleet.network_names.items() if part.what in ("", link))
+    gone = (network for network, link in fleet.network_names.items() if component.what in ("", link))
     return _close_routes(machine, (network for network in gone if network not in own))
 
 
-def _close_address(_fleet: FleetPlan, machine: Machine, part: Component) -> Machine:
+def _close_address(_fleet: FleetPlan, machine: Machine, component: Component) -> Machine:
     """Close the way to what the words of a closed route name, such as "blackhole 192.168.12.0/24 table 7"."""
     try:
-        return _close_routes(machine, [IPv4Network(part.what.split()[1].replace("default", "0.0.0.0/0"))])
+        return _close_routes(machine, [IPv4Network(component.what.split()[1].replace("default", "0.0.0.0/0"))])
     except (ValueError, IndexError):
         return machine
 
 
-def _lose_neighbour(fleet: FleetPlan, machine: Machine, part: Component) -> Machine:
+def _lose_neighbour(fleet: FleetPlan, machine: Machine, component: Component) -> Machine:
     """Close the routes by a neighbour whose hardware address is wrong."""
-    plan = fleet.computers.get(part.what)
+    plan = fleet.computers.get(component.what)
     own = {entry.address for entry in plan.networks} if plan else set()
     routes = tuple(replace(one, kind=NOWHERE) if one.gateway in own else one for one in machine.routes)
     return _close_routes(replace(machine, routes=routes), map(IPv4Network, own))
@@ -153,5 +153,5 @@ CHANGES: Mapping[tuple[str, str], Change] = {
     ("route", "closed"): _close_address,
     ("neighbour", "fixed"): _lose_neighbour,
 }
-# The kinds of parts at whose place a packet may end.
+# The kinds of components at whose place a packet may end.
 KINDS = frozenset({"interface", "forwarding", "reverse_path", "filter", "network", *(kind for kind, _mode in CHANGES)})

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from ..._base.hosts import host_of
 from ..._base.sentences import shorten_list
 from ..._plan.model import FleetPlan, Membership
-from ..components.parts import Component
+from ..components.component import Component
 from ..observe.observations import AnnouncedHost, ForwardingInterface, NodeHost, Probe
 from .registrations import TEST_NODES
 
@@ -30,7 +30,7 @@ class Misplaced(NamedTuple):
 
     node: str
     host: str
-    mode: str  # a mode of the part `node`
+    mode: str  # a mode of the component `node`
     computer: str  # where it runs; its robot if that is not known
     process: NodeHost = UNREAD
     detail: str = ""  # the interface of the host, the robot at whose roscore it is, or the host of its services
@@ -65,8 +65,8 @@ class Misplaced(NamedTuple):
         return f" (refused by {shorten_list((robot for robot, _why in self.refused), NAMED)})" if self.refused else ""
 
     @property
-    def part(self) -> Component:
-        """The part that is broken."""
+    def component(self) -> Component:
+        """The component that is broken."""
         return Component("node", self.computer, self.mode, str(self))
 
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The needs of an observation: the parts on the way between two computers, and those of ROS between two robots.
+"""The needs of an observation: the components on the way between two computers, and those of ROS between two robots.
 
-Pure: the context of a check in, parts out. A check joins these sets; see `engine.Check`.
+Pure: the context of a check in, components out. A check joins these sets; see `engine.Check`.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from itertools import pairwise
 
 from ..._base.features import load_hooks
 from ..._plan.model import COMMON
-from ..components.parts import Component
+from ..components.component import Component
 from .check_context import CheckContext
 from .hooks import ContextHooks
 
-Parts = frozenset[Component]
+Components = frozenset[Component]
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
-# what a computer that forwards packets needs: kind and mode of parts
+# what a computer that forwards packets needs: kind and mode of components
 FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), ("reverse_path", "strict"))
 
 
-def make_parts(kind: str, place: str, *modes: str, what: str = "") -> Parts:
-    """Make parts of one kind at one place; an empty place has no parts."""
+def make_components(kind: str, place: str, *modes: str, what: str = "") -> Components:
+    """Make components of one kind at one place; an empty place has no components."""
     return frozenset(Component(kind, place, mode, what) for mode in modes) if place else frozenset()
 
 
@@ -34,49 +34,51 @@ def _list_hooks() -> Collection[ContextHooks]:
     return load_hooks("context", ContextHooks).values()
 
 
-def make_service_part(computer: str, service: str) -> Parts:
-    """Make the part that is broken while a service of an optional feature is down; nothing for other services."""
+def make_service_component(computer: str, service: str) -> Components:
+    """Make the component that is broken while a service of an optional feature is down; nothing for other services."""
     kinds = (hooks.services[service] for hooks in _list_hooks() if service in hooks.services)
-    return join_parts(make_parts(kind, computer, mode) for kind, mode in kinds)
+    return join_components(make_components(kind, computer, mode) for kind, mode in kinds)
 
 
 # The network
 
 
-def way(context: CheckContext, one: str, other: str) -> Parts:
-    """List the parts that a packet and its answer need between two computers."""
+def way(context: CheckContext, one: str, other: str) -> Components:
+    """List the components that a packet and its answer need between two computers."""
     if not one or not other or one == other:
         return frozenset()
-    known = context.ways.parts
+    known = context.ways.components
     if (one, other) not in known:
         known[one, other] = _way(context, one, other)
     return known[one, other]
 
 
-def _way(context: CheckContext, one: str, other: str) -> Parts:
-    parts = {Component.from_pair("filter", "pair", one, other)}
+def _way(context: CheckContext, one: str, other: str) -> Components:
+    components = {Component.from_pair("filter", "pair", one, other)}
     for computer in (one, other):
-        parts |= make_parts("computer", computer, "off") | make_parts("interface", computer, "address", "prefix")
-        parts |= port_parts(context, computer)
-    parts |= duplicates(context, one, other) | neighbours(context, one, other) | neighbours(context, other, one)
+        components |= make_components("computer", computer, "off") | make_components(
+            "interface", computer, "address", "prefix"
+        )
+        components |= port_components(context, computer)
+    components |= duplicates(context, one, other) | neighbours(context, one, other) | neighbours(context, other, one)
     for asks, answers in _hops(context, one, other):
-        parts |= {Component("neighbour", asks, "fixed", answers), Component("neighbour", answers, "fixed", asks)}
+        components |= {Component("neighbour", asks, "fixed", answers), Component("neighbour", answers, "fixed", asks)}
     links, between = context.ways.list_links(one, other), context.ways.list_forwarders(one, other)
     places = [place for place, network in links if network == COMMON]
-    parts |= join_parts(hooks.list_way_parts(context, places) for hooks in _list_hooks())
-    parts |= {Component(kind, gateway, mode) for gateway in between for kind, mode in FORWARDER}
-    return frozenset(parts | _link_parts(context, one, other, "down", "dead") | _routes(context, one, other))
+    components |= join_components(hooks.list_way_components(context, places) for hooks in _list_hooks())
+    components |= {Component(kind, gateway, mode) for gateway in between for kind, mode in FORWARDER}
+    return frozenset(components | _link_components(context, one, other, "down", "dead") | _routes(context, one, other))
 
 
-def _link_parts(context: CheckContext, one: str, other: str, mode: str, *network_modes: str) -> Parts:
+def _link_components(context: CheckContext, one: str, other: str, mode: str, *network_modes: str) -> Components:
     """List a fault of each link on the way, and faults of each network."""
-    return join_parts(
-        make_parts("link", place, mode, what=network) | make_parts("network", network, *network_modes)
+    return join_components(
+        make_components("link", place, mode, what=network) | make_components("network", network, *network_modes)
         for place, network in context.ways.list_links(one, other)
     )
 
 
-def neighbours(context: CheckContext, sender: str, target: str) -> Parts:
+def neighbours(context: CheckContext, sender: str, target: str) -> Components:
     """List what the ARP questions and answers need of a packet from one computer to the other. Its answer needs those of the way back."""
     hops = list(_hops(context, sender, target))
     mute = frozenset(Component("neighbour", answers, "mute") for _asks, answers in hops)
@@ -88,7 +90,7 @@ def _hops(context: CheckContext, one: str, other: str) -> Iterable[tuple[str, st
     return pairwise(dict.fromkeys(place for place, _network in context.ways.list_links(one, other)))
 
 
-def duplicates(context: CheckContext, one: str, other: str) -> Parts:
+def duplicates(context: CheckContext, one: str, other: str) -> Components:
     """List the addresses on the way that a second computer may have. Chance decides which of the two a neighbour finds."""
     return frozenset(
         Component("interface", place, "duplicate", what)
@@ -98,7 +100,7 @@ def duplicates(context: CheckContext, one: str, other: str) -> Parts:
     )
 
 
-def _routes(context: CheckContext, one: str, other: str) -> Parts:
+def _routes(context: CheckContext, one: str, other: str) -> Components:
     """List the routes of a packet and its answer: those of the two ends, and of the gateways between them."""
     if context.ways.robot_of(one) == context.ways.robot_of(other):
         return frozenset()
@@ -107,71 +109,75 @@ def _routes(context: CheckContext, one: str, other: str) -> Parts:
     if context.ways.is_in(one, there) and context.ways.is_in(other, back):
         return frozenset()
     between = context.ways.list_forwarders(one, other)
-    parts = set(make_parts("route", one, "defaults") | make_parts("route", other, "defaults"))
+    components = set(make_components("route", one, "defaults") | make_components("route", other, "defaults"))
     for destination, computers in ((there, [one, *between]), (back, [*between, other])):
         for computer in computers:
-            parts |= {
+            components |= {
                 Component("route", computer, "circle", destination),
-                *make_parts("route", computer, "closed", "rule"),
+                *make_components("route", computer, "closed", "rule"),
             }
             if not context.ways.is_in(computer, destination):
-                parts |= route_parts(computer, destination)
-    return frozenset(parts)
+                components |= route_components(computer, destination)
+    return frozenset(components)
 
 
-def by_passes(computer: str) -> Parts:
+def by_passes(computer: str) -> Components:
     """List what optional features find where packets of a computer leave by another route than the planned one."""
-    return join_parts(hooks.list_route_parts(computer) for hooks in _list_hooks())
+    return join_components(hooks.list_route_components(computer) for hooks in _list_hooks())
 
 
-def route_parts(computer: str, network: str) -> Parts:
+def route_components(computer: str, network: str) -> Components:
     """List how the route of a computer to a network may be wrong, or its routes to all others."""
-    return join_parts(make_parts("route", computer, "missing", "other", what=what) for what in (network, ""))
+    return join_components(make_components("route", computer, "missing", "other", what=what) for what in (network, ""))
 
 
-def large(context: CheckContext, one: str, other: str) -> Parts:
-    """List the parts that lose only large packets on the way."""
+def large(context: CheckContext, one: str, other: str) -> Components:
+    """List the components that lose only large packets on the way."""
     if one == other:
         return frozenset()
-    parts: set[Component] = set()
+    components: set[Component] = set()
     for place, network in context.ways.list_links(one, other):
         if network == COMMON:
-            parts |= join_parts(hooks.list_large_parts(context, place) for hooks in _list_hooks())
-        parts |= make_parts("interface", place, "mtu", what=network) | make_parts("network", network, "large")
+            components |= join_components(hooks.list_large_components(context, place) for hooks in _list_hooks())
+        components |= make_components("interface", place, "mtu", what=network) | make_components(
+            "network", network, "large"
+        )
     for gateway in context.ways.list_forwarders(one, other):
-        parts |= make_parts("forwarding", gateway, "large")
-    return frozenset(parts)
+        components |= make_components("forwarding", gateway, "large")
+    return frozenset(components)
 
 
-def arp_parts(context: CheckContext, one: str, other: str) -> Parts:
+def arp_components(context: CheckContext, one: str, other: str) -> Components:
     """List what may keep the ARP answer for the next address on the way from coming.
 
     A computer that forwards packets reports it to their sender ("host unreachable"). A device of another make may not.
     """
-    parts: set[Component] = set()
+    components: set[Component] = set()
     for (place, network), (following, beyond) in pairwise(context.ways.list_links(one, other)):
         if network == beyond and place in context.fleet.computers:
-            parts |= silent_parts(place, following, network)
-    return frozenset(parts)
+            components |= silent_components(place, following, network)
+    return frozenset(components)
 
 
-def silent_parts(one: str, other: str, network: str) -> Parts:
+def silent_components(one: str, other: str, network: str) -> Components:
     """List what may keep a computer from answering its neighbour on a network."""
-    links_down = make_parts("link", one, "down", what=network) | make_parts("link", other, "down", what=network)
-    there = make_parts("computer", other, "off") | make_parts("interface", other, "address")
-    return links_down | there | make_parts("network", network, "dead")
+    links_down = make_components("link", one, "down", what=network) | make_components(
+        "link", other, "down", what=network
+    )
+    there = make_components("computer", other, "off") | make_components("interface", other, "address")
+    return links_down | there | make_components("network", network, "dead")
 
 
-def port_parts(context: CheckContext, computer: str) -> Parts:
+def port_components(context: CheckContext, computer: str) -> Components:
     """Suspect the port of a bridge only where an address was seen on one."""
     seen = context.run.get(computer)
-    return make_parts("interface", computer, "port") if seen and seen.list_ports() else frozenset()
+    return make_components("interface", computer, "port") if seen and seen.list_ports() else frozenset()
 
 
-def loss_parts(context: CheckContext, one: str, other: str) -> Parts:
-    """List the parts that lose some packets on the way: wireless interfaces that save power among them."""
-    return _link_parts(context, one, other, "loss", "loss") | join_parts(
-        make_parts("link", place, "power_save", what=network)
+def loss_components(context: CheckContext, one: str, other: str) -> Components:
+    """List the components that lose some packets on the way: wireless interfaces that save power among them."""
+    return _link_components(context, one, other, "loss", "loss") | join_components(
+        make_components("link", place, "power_save", what=network)
         for place, network in context.ways.list_links(one, other)
         if (computer := context.run.get(place))
         and (interface := computer.interface_on.get(network))
@@ -179,61 +185,61 @@ def loss_parts(context: CheckContext, one: str, other: str) -> Parts:
     )
 
 
-def slow(context: CheckContext, one: str, other: str) -> Parts:
-    """List the parts that may make a stream slow. It goes out of one link and into the next."""
-    parts: set[Component] = set()
+def slow(context: CheckContext, one: str, other: str) -> Components:
+    """List the components that may make a stream slow. It goes out of one link and into the next."""
+    components: set[Component] = set()
     for number, (place, network) in enumerate(context.ways.list_links(one, other)):
-        parts |= make_parts("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
-        parts |= make_parts("network", network, "slow")
-    return frozenset(parts)
+        components |= make_components("link", place, "slow", "slow in" if number % 2 else "slow out", what=network)
+        components |= make_components("network", network, "slow")
+    return frozenset(components)
 
 
-def translation_parts(context: CheckContext, one: str, other: str) -> Parts:
+def translation_components(context: CheckContext, one: str, other: str) -> Components:
     """List the translations that may be on the way: a gateway translates what leaves by one of its interfaces."""
     crossed = pairwise(context.ways.list_links(one, other))
-    return join_parts(
-        make_parts("translation", place, "on", what=network)
+    return join_components(
+        make_components("translation", place, "on", what=network)
         for (before, _came), (place, network) in crossed
         if before == place
     )
 
 
-def active_translations(context: CheckContext, one: str, other: str) -> Parts:
+def active_translations(context: CheckContext, one: str, other: str) -> Components:
     """List the translations that may be at work: the gateway's address has called the other end, if that end listened."""
     hearer = context.run.get(other)
-    parts = translation_parts(context, one, other)
+    components = translation_components(context, one, other)
     if hearer is None or not hearer.multicast.udp:
-        return parts
-    return frozenset(part for part in parts if _outer_addresses(context, part) & hearer.callers)
+        return components
+    return frozenset(component for component in components if _outer_addresses(context, component) & hearer.callers)
 
 
-def _outer_addresses(context: CheckContext, part: Component) -> frozenset[str]:
+def _outer_addresses(context: CheckContext, component: Component) -> frozenset[str]:
     """Return the address of a gateway on the network of a translation."""
-    same = (gateway for gateway in context.ways.gateways.values() if gateway.title == part.place)
-    return frozenset(str(one.common_address if part.what == COMMON else one.address) for one in same)
+    same = (gateway for gateway in context.ways.gateways.values() if gateway.title == component.place)
+    return frozenset(str(one.common_address if component.what == COMMON else one.address) for one in same)
 
 
-def passes(one: str, other: str, *whats: str) -> Parts:
+def passes(one: str, other: str, *whats: str) -> Components:
     """List the packet filters at the ends that may drop packets from one computer to the other, or their answers."""
     if one == other or not one or not other:
         return frozenset()
     coming = [mode for what in (*whats, "all") for mode in (f"{what} in", what)]
     going = [mode for what in (*whats, "all") for mode in (f"{what} out", what)]
-    changed = make_parts("filter", one, "changed") | make_parts("filter", other, "changed")
-    return make_parts("filter", other, *coming) | make_parts("filter", one, *going) | changed
+    changed = make_components("filter", one, "changed") | make_components("filter", other, "changed")
+    return make_components("filter", other, *coming) | make_components("filter", one, *going) | changed
 
 
-def multicast(context: CheckContext, hearer: str, speaker: str) -> Parts:
-    """List the parts that datagrams on the group need from the speaker to the hearer."""
-    parts = set(passes(speaker, hearer, "udp", "group"))
-    parts |= make_parts("interface", hearer, "multicast") | make_parts("interface", speaker, "multicast")
-    parts |= _link_parts(context, speaker, hearer, "down", "dead", "multicast")
+def multicast(context: CheckContext, hearer: str, speaker: str) -> Components:
+    """List the components that datagrams on the group need from the speaker to the hearer."""
+    components = set(passes(speaker, hearer, "udp", "group"))
+    components |= make_components("interface", hearer, "multicast") | make_components("interface", speaker, "multicast")
+    components |= _link_components(context, speaker, hearer, "down", "dead", "multicast")
     for gateway in _group_forwarders(context, hearer, speaker):
-        parts |= make_parts("computer", gateway, "off") | make_parts("filter", gateway, "forward")
-        parts |= make_parts("service", gateway, "down", what="multimaster-multicast-routing.service")
-    parts |= port_parts(context, hearer) | port_parts(context, speaker)
-    sends = make_parts("computer", speaker, "off") | make_parts("interface", speaker, "address")
-    return frozenset(parts | sends | {Component.from_pair("filter", "pair", hearer, speaker)})
+        components |= make_components("computer", gateway, "off") | make_components("filter", gateway, "forward")
+        components |= make_components("service", gateway, "down", what="multimaster-multicast-routing.service")
+    components |= port_components(context, hearer) | port_components(context, speaker)
+    sends = make_components("computer", speaker, "off") | make_components("interface", speaker, "address")
+    return frozenset(components | sends | {Component.from_pair("filter", "pair", hearer, speaker)})
 
 
 def _group_forwarders(context: CheckContext, one: str, other: str) -> list[str]:
@@ -247,41 +253,47 @@ def _group_forwarders(context: CheckContext, one: str, other: str) -> list[str]:
 # Names, and ROS on a computer
 
 
-def names(observer: str, target: str) -> Parts:
+def names(observer: str, target: str) -> Components:
     """List how the name of the target may be wrong on the observer."""
     if not observer or not target:
         return frozenset()
-    return make_parts("names", observer, *NAMES, what=target) | make_parts("names", observer, "rights", "order")
+    return make_components("names", observer, *NAMES, what=target) | make_components(
+        "names", observer, "rights", "order"
+    )
 
 
-def talks(context: CheckContext, one: str, other: str, *whats: str) -> Parts:
+def talks(context: CheckContext, one: str, other: str, *whats: str) -> Components:
     """List what a connection by name needs: the way, the packet filters, and the name."""
     if not one or not other:
         return frozenset()
     return way(context, one, other) | passes(one, other, *whats) | names(one, other)
 
 
-def roscore(context: CheckContext, computer: str, master: str) -> Parts:
+def roscore(context: CheckContext, computer: str, master: str) -> Components:
     """List what a computer needs to ask its roscore."""
-    asked = make_parts("roscore", master, "dead", "hung", "name") | make_parts("environment", computer, "shell")
+    asked = make_components("roscore", master, "dead", "hung", "name") | make_components(
+        "environment", computer, "shell"
+    )
     return asked | (talks(context, computer, master, "roscore") if computer != master else names(computer, master))
 
 
-def discovery(computer: str) -> Parts:
+def discovery(computer: str) -> Components:
     """List the faults of a discovery node and its roscore."""
-    return make_parts("discovery", computer, *DISCOVERY) | make_parts("roscore", computer, "dead", "hung")
+    return make_components("discovery", computer, *DISCOVERY) | make_components("roscore", computer, "dead", "hung")
 
 
-def master_query_parts(context: CheckContext, own: str, its: str) -> Parts:
+def master_query_components(context: CheckContext, own: str, its: str) -> Components:
     """List what a query to the discovery node of another master needs."""
     if own == its:
         return frozenset()
-    node = make_parts("discovery", its, *DISCOVERY, "configuration", "port")
-    served = make_parts("roscore", its, "dead", "hung", "name") | make_parts("environment", its, "service", "shell")
+    node = make_components("discovery", its, *DISCOVERY, "configuration", "port")
+    served = make_components("roscore", its, "dead", "hung", "name") | make_components(
+        "environment", its, "service", "shell"
+    )
     return node | served | talks(context, own, its, "rpc")
 
 
-def heartbeats(context: CheckContext, own: str, its: str) -> Parts:
+def heartbeats(context: CheckContext, own: str, its: str) -> Components:
     """List what may keep heartbeats of another master from arriving, with either transport.
 
     Where the probes' datagrams arrive, two reasons are left. The node sends by another interface, or a gateway translates
@@ -291,7 +303,7 @@ def heartbeats(context: CheckContext, own: str, its: str) -> Parts:
         return frozenset()
     changed = active_translations(context, its, own)
     if _arrive(context, its, own):
-        return changed | make_parts("interface", own, "multicast") | make_parts("interface", its, "multicast")
+        return changed | make_components("interface", own, "multicast") | make_components("interface", its, "multicast")
     members = [context.ways.members.get(name) for name in (own, its)]
     grouped = context.fleet.transport != "unicast" and all(
         member is not None and member.multicast for member in members
@@ -309,31 +321,33 @@ def _arrive(context: CheckContext, sender: str, hearer: str) -> bool:
     return heard or (context.fleet.transport != "multicast" and to_it is not None and to_it.unicast is True)
 
 
-def registration_parts(context: CheckContext, observer: str, target: str) -> Parts:
+def registration_components(context: CheckContext, observer: str, target: str) -> Components:
     """List what the target's registrations need to reach the observer's roscore, and what a query there needs."""
     own, its = context.ways.master_of(observer), context.ways.master_of(target)
-    at_home, asked = home_parts(context, target), roscore(context, observer, own)
+    at_home, asked = home_components(context, target), roscore(context, observer, own)
     if own == its:
         return at_home | asked
-    return at_home | asked | master_query_parts(context, own, its) | make_parts("sync", own, "dead", "hung")
+    return at_home | asked | master_query_components(context, own, its) | make_components("sync", own, "dead", "hung")
 
 
-def home_parts(context: CheckContext, target: str) -> Parts:
+def home_components(context: CheckContext, target: str) -> Components:
     """List what the target's talker needs to be registered at its own roscore."""
-    own_parts = make_parts("registration", target, "talker") | make_parts("environment", target, "shell")
-    return roscore(context, target, context.ways.master_of(target)) | own_parts
+    own_components = make_components("registration", target, "talker") | make_components("environment", target, "shell")
+    return roscore(context, target, context.ways.master_of(target)) | own_components
 
 
-def node_connection_parts(context: CheckContext, observer: str, target: str) -> Parts:
+def node_connection_components(context: CheckContext, observer: str, target: str) -> Components:
     """List what a connection between nodes of two computers needs."""
     return (
         talks(context, observer, target, "nodes")
-        | make_parts("environment", target, "shell")
-        | make_parts("environment", observer, "shell")  # by its URI the roscore tells a subscriber of new publishers
-        | make_parts("registration", observer, "listener")
+        | make_components("environment", target, "shell")
+        | make_components(
+            "environment", observer, "shell"
+        )  # by its URI the roscore tells a subscriber of new publishers
+        | make_components("registration", observer, "listener")
     )
 
 
-def join_parts(groups: Iterable[Parts]) -> Parts:
-    """Join sets of parts."""
+def join_components(groups: Iterable[Components]) -> Components:
+    """Join sets of components."""
     return frozenset().union(*groups)

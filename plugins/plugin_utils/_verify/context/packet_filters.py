@@ -19,7 +19,7 @@ from ..._network import facts, packets, plan_world, policy
 from ..._network.model import FORWARD, IN, NO_WAY, OUT, Interface, Lookup, Machine, Packet, Rule, World
 from ..._plan.model import FleetPlan, Member
 from ..._predict.prediction import NODES
-from ..components.parts import Component
+from ..components.component import Component
 from ..observe.observations import Observation
 
 GROUP, ROSCORE = "group", "roscore"
@@ -48,22 +48,27 @@ class ReadFilters:
             self._known[key] = self._trace_packet(*key)
         return self._known[key]
 
-    def list_origins(self, part: Component) -> tuple[str, ...]:
-        """List the chains, as "family table chain", of the rule that was found for a part; none where a rule did not show it."""
-        return self.rules[part].origins if part in self.rules else ()
+    def list_origins(self, component: Component) -> tuple[str, ...]:
+        """List the chains, as "family table chain", of the rule that was found for a component; none where a rule did not show it."""
+        return self.rules[component].origins if component in self.rules else ()
 
     def _name_filter(self, rule: Rule, place: str, mode: str, what: str = "") -> Component:
-        part = Component("filter", place, mode, what)
-        self.rules.setdefault(part, rule)
-        return part
+        component = Component("filter", place, mode, what)
+        self.rules.setdefault(component, rule)
+        return component
 
-    def lets_pass(self, part: Component) -> bool:
+    def lets_pass(self, component: Component) -> bool:
         """Return True if all rules at the place of a filter were understood, in the chains that would drop the packet."""
-        seen = self._observations.get(part.place)
-        if seen is None or seen.filters is None or not seen.filters.readable or part.place not in self.world.machines:
+        seen = self._observations.get(component.place)
+        if (
+            seen is None
+            or seen.filters is None
+            or not seen.filters.readable
+            or component.place not in self.world.machines
+        ):
             return False
-        chain = part.mode.rpartition(" ")[2]  # without one the filter is that of both ends
-        return self.world.machines[part.place].unclear.isdisjoint({chain} & {IN, OUT, FORWARD} or {IN, OUT})
+        chain = component.mode.rpartition(" ")[2]  # without one the filter is that of both ends
+        return self.world.machines[component.place].unclear.isdisjoint({chain} & {IN, OUT, FORWARD} or {IN, OUT})
 
     def _trace_packet(self, sender: str, target: str, traffic: str, port: int) -> Component | None:
         member, machines = self._members.get(target), self.world.machines

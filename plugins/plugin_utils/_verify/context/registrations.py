@@ -168,7 +168,9 @@ class RoscoreIndex(NamedTuple):
         return cls(
             own=dict(islice(_items(exchange), MOST)),
             sums={topic.name: (topic.type, topic.md5sum) for topic in exchange.topics[:MOST]},
-            imports={normalise_uri(part.master): dict(islice(_items(part), MOST)) for part in exchange.imports},
+            imports={
+                normalise_uri(component.master): dict(islice(_items(component), MOST)) for component in exchange.imports
+            },
         )
 
     def list_bridged_topics(self) -> frozenset[str]:
@@ -189,13 +191,13 @@ class RoscoreIndex(NamedTuple):
         return names
 
 
-def _items(part: Exchange | Import) -> Iterator[tuple[RegisteredItem, str]]:
+def _items(component: Exchange | Import) -> Iterator[tuple[RegisteredItem, str]]:
     """Yield each registration with its type."""
-    for topic in part.topics:
+    for topic in component.topics:
         for kind, nodes in (("publisher", topic.publishers), ("subscriber", topic.subscribers)):
             for node in nodes:
                 yield RegisteredItem(kind, topic.name, node), topic.type
-    for service in part.services:
+    for service in component.services:
         yield RegisteredItem("service", service.name, service.node), ""
 
 

@@ -4,7 +4,7 @@
 """The stages of a call: from the registration of a publisher at its own roscore to a message that its subscriber reads.
 
 Each stage is asked of the component that has it. The first one that lacks the call is the finding. What could not be asked,
-as some of upstream's nodes, is not known: then nothing is concluded here, and the parts that the call needs are suspected.
+as some of upstream's nodes, is not known: then nothing is concluded here, and the components that the call needs are suspected.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..._base.sentences import shorten_list
 from ..observe.observations import Exchange, GivenTopics, HeardTopic, RefusedName
 from ..observe.outcomes import Outcome
 from .check_context import CheckContext, Participant
-from .needs import Parts, join_parts, make_parts
+from .needs import Components, join_components, make_components
 from .registrations import TEST_NODES, RegisteredItem
 from .ways import Ways
 
@@ -116,7 +116,7 @@ def _has_import(own: Participant | None, topic: str) -> bool | None:
     exchange = _read_exchange(own)
     if exchange is None:
         return None
-    entries = (entry for part in exchange.imports for entry in part.topics)
+    entries = (entry for component in exchange.imports for entry in component.topics)
     return any(entry.name == topic and entry.publishers for entry in entries)
 
 
@@ -187,7 +187,7 @@ def _observe_listener(topic: HeardTopic) -> dict[Stage, bool | None]:
 # What lacks it
 
 
-def find_refusals(context: CheckContext, names: list[str]) -> Parts:
+def find_refusals(context: CheckContext, names: list[str]) -> Components:
     """Return the sync node of the observer where it refuses some of these names, with its reasons where it tells them."""
     own = context.run.get(context.masters[0])
     services = own.probe.services if own else ()
@@ -196,8 +196,12 @@ def find_refusals(context: CheckContext, names: list[str]) -> Parts:
     reasons = {row.name: describe_refusal(row) for service in services for row in service.refusals}
     told = [f"{name}: {reasons[name]}" for name in names if name in reasons]
     if told:
-        return make_parts("sync", context.masters[0], "objects", what=shorten_list(told, NAMED))
-    return make_parts("sync", context.masters[0], "refuses", what=shorten_list(names, NAMED)) if names else frozenset()
+        return make_components("sync", context.masters[0], "objects", what=shorten_list(told, NAMED))
+    return (
+        make_components("sync", context.masters[0], "refuses", what=shorten_list(names, NAMED))
+        if names
+        else frozenset()
+    )
 
 
 def describe_refusal(row: RefusedName) -> str:
@@ -211,34 +215,34 @@ def describe_refusal(row: RefusedName) -> str:
     return words.get(row.kind, row.here)
 
 
-def find_lacking(context: CheckContext, stage: Stage | None, topic: str) -> Parts:
+def find_lacking(context: CheckContext, stage: Stage | None, topic: str) -> Components:
     """Return the component that lacks the call first, with its computer; nothing where the way to it has to be looked at."""
     own, its = context.masters
     if stage == Stage.DISCOVERED:
-        return make_parts("discovery", its, "stale", what=topic)
+        return make_components("discovery", its, "stale", what=topic)
     if stage == Stage.GIVEN:
-        return make_parts("discovery", its, "configuration")
+        return make_components("discovery", its, "configuration")
     if stage == Stage.PLANNED:
         computer = context.run.get(own)
         others = shorten_list(_list_exclusions(computer, [topic]) if computer else [], NAMED)
-        return find_refusals(context, [topic]) or make_parts("sync", own, "configuration", what=others)
+        return find_refusals(context, [topic]) or make_components("sync", own, "configuration", what=others)
     if stage == Stage.IMPORTED and own != its:
-        return make_parts("sync", own, "stale", what=context.robots[1])
+        return make_components("sync", own, "stale", what=context.robots[1])
     return _find_lacking_node(context, stage)
 
 
-def _find_lacking_node(context: CheckContext, stage: Stage | None) -> Parts:
+def _find_lacking_node(context: CheckContext, stage: Stage | None) -> Components:
     """Return the node that lacks the call, or the packet filter that keeps it from it."""
     one, other, topic = context.observer.name, context.target, context.topic
     if stage == Stage.REGISTERED:
-        return make_parts("registration", other, "talker") if _has_talker(context.peer) else frozenset()
+        return make_components("registration", other, "talker") if _has_talker(context.peer) else frozenset()
     if stage == Stage.TOLD and one != context.masters[0]:
-        return _find_drop(context, context.masters[0], one) or make_parts("registration", one, "untold")
+        return _find_drop(context, context.masters[0], one) or make_components("registration", one, "untold")
     if stage == Stage.CONNECTED and topic is not None and topic.step == "answered":
-        return _find_drop(context, one, other) or make_parts("registration", other, "closed")
+        return _find_drop(context, one, other) or make_components("registration", other, "closed")
     master = context.run.get(context.masters[1])
     if stage == Stage.READ and topic is not None and topic.step == "told" and _is_silent(master, other, context.ways):
-        return make_parts("registration", other, "mute", what=TALKER)
+        return make_components("registration", other, "mute", what=TALKER)
     return frozenset()
 
 
@@ -248,17 +252,17 @@ def _has_talker(computer: Participant | None) -> bool:
     return probe is not None and not probe.roscore.error and probe.talker is not None
 
 
-def _find_drop(context: CheckContext, sender: str, target: str) -> Parts:
+def _find_drop(context: CheckContext, sender: str, target: str) -> Components:
     drop = context.state.filters.find_drop(sender, target, "nodes")
     return frozenset({drop}) if drop else frozenset()
 
 
-def find_mute_talkers(context: CheckContext) -> Parts:
+def find_mute_talkers(context: CheckContext) -> Components:
     """Return the talkers of the observer's robot that take its connections, and say nothing on two of them."""
     told = (entry for entry in context.observer.topics.values() if _observe_listener(entry).get(Stage.READ) is False)
     mute = (entry for entry in told if entry.step == "told" and entry.reached_outcome == Outcome.OPEN)
     silent = (entry.computer for entry in mute if _is_silent(context.observer, entry.computer, context.ways))
-    return join_parts(make_parts("registration", name, "mute", what=TALKER) for name in silent)
+    return join_components(make_components("registration", name, "mute", what=TALKER) for name in silent)
 
 
 def _is_silent(master: Participant | None, computer: str, ways: Ways) -> bool:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from ..._inventory.model import Gateway
 from ..._plan.model import COMMON, ComputerPlan, FleetPlan, Master, Member
-from ..components.parts import Component
+from ..components.component import Component
 
 
 class Way(NamedTuple):
@@ -31,9 +31,9 @@ class Way(NamedTuple):
         return self.next_hop is not None
 
 
-def _describe_roscore(part: Component) -> str:
+def _describe_roscore(component: Component) -> str:
     """Say what a roscore shows. Without a word of it, it does not answer."""
-    return f"calls itself {part.what}" if part.mode == "name" and part.what else ""
+    return f"calls itself {component.what}" if component.mode == "name" and component.what else ""
 
 
 class Ways:
@@ -60,18 +60,20 @@ class Ways:
             self._at.update({str(gateway.address): gateway.title, str(gateway.common_address): gateway.title})
         self.titles = frozenset(gateway.title for gateway in self.gateways.values())
         self.master_at: Mapping[str, Master] = {master.computer: master for master in fleet.masters}
-        self.parts: dict[tuple[str, str], frozenset[Component]] = {}  # between two computers, as needs.way finds them
+        self.components: dict[
+            tuple[str, str], frozenset[Component]
+        ] = {}  # between two computers, as needs.way finds them
 
-    def seal(self, parts: frozenset[Component]) -> frozenset[Component]:
+    def seal(self, components: frozenset[Component]) -> frozenset[Component]:
         """Say of the roscores on sealed computers that they are there: nobody can look at them, or start them again, from here."""
         sealed = self._fleet.companions
         if not sealed:
-            return parts
+            return components
         return frozenset(
-            Component("roscore", sealed[part.place], "sealed", _describe_roscore(part))
-            if part.kind == "roscore" and part.place in sealed
-            else part
-            for part in parts
+            Component("roscore", sealed[component.place], "sealed", _describe_roscore(component))
+            if component.kind == "roscore" and component.place in sealed
+            else component
+            for component in components
         )
 
     def network(self, robot: str) -> str:

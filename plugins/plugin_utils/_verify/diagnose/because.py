@@ -14,7 +14,7 @@ from itertools import chain
 
 from ..._network.model import Rule
 from ..checks.engine import Row
-from ..components.parts import Component
+from ..components.component import Component
 from ..trace.findings import SeenEnd
 from ..trace.steps import make_trace
 from ..trace.suspects import is_consistent
@@ -41,7 +41,7 @@ def make_because(scene: Scene, entry: Finding) -> Because:
         place=ORDER[rule.id],
         rules=len(RULES),
         certainty=rule.certainty,
-        cost=entry.part.fault.cost,
+        cost=entry.component.fault.cost,
         looked_at=len(looked_at),
         shown_by=tuple(_list_evidence(scene, entry, rule)),
         explains=tuple(_count_explained(scene.winners, entry)),
@@ -72,10 +72,15 @@ def _list_evidence(scene: Scene, entry: Finding, rule: DecisionRule) -> Iterable
         return
     kept = {(scene.winners[row], row.check): row for row in reversed(entry.proof)}
     for (winner, _check), row in list(kept.items())[::-1][:SHOWN]:
-        part = next(
-            (part for part in (entry.part, *entry.also) if part in scene.verification.state.filters.rules), None
+        component = next(
+            (
+                component
+                for component in (entry.component, *entry.also)
+                if component in scene.verification.state.filters.rules
+            ),
+            None,
         )
-        yield _describe(scene, row, BY_ID[winner], part, _find_end(entry, BY_ID[winner]))
+        yield _describe(scene, row, BY_ID[winner], component, _find_end(entry, BY_ID[winner]))
 
 
 def _find_end(entry: Finding, rule: DecisionRule) -> SeenEnd | None:
@@ -83,10 +88,10 @@ def _find_end(entry: Finding, rule: DecisionRule) -> SeenEnd | None:
 
 
 def _describe(
-    scene: Scene, row: Row, rule: DecisionRule, part: Component | None = None, end: SeenEnd | None = None
+    scene: Scene, row: Row, rule: DecisionRule, component: Component | None = None, end: SeenEnd | None = None
 ) -> Evidence:
     details = {
-        BLOCKING_RULE: describe_rule(scene.verification.state.filters.rules[part]) if part else "",
+        BLOCKING_RULE: describe_rule(scene.verification.state.filters.rules[component]) if component else "",
         ERRNO: scene.outcomes.get(row, ""),
     }
     judge = scene.verification.checks[row.check].judge
@@ -130,36 +135,44 @@ def _count_explained(winners: Mapping[Row, str], entry: Finding) -> Iterable[Exp
 
 
 def _weigh_rivals(scene: Scene, entry: Finding, rows: Sequence[Row]) -> list[WeighedRival]:
-    """Weigh the parts that could be the reason of the same rows, those that explain most first."""
+    """Weigh the components that could be the reason of the same rows, those that explain most first."""
     counts: Counter[Component] = Counter()
     for row in rows:
         counts.update(scene.verification.list_suspects(row))
-    own = {(part.kind, part.places, part.mode) for part in (entry.part, *entry.also)}
-    others = [part for part in counts if (part.kind, part.places, part.mode) not in own]
-    chosen = [part for part in entry.rivals if part in others]
-    order = sorted(others, key=lambda part: (-counts[part], part.fault.cost, part))
-    kinds = {(part.kind, part.mode): part for part in reversed(order)}.values()  # one of each kind first
-    places = {(part.kind, part.mode, part.places): part for part in reversed(order)}.values()  # then one of each place
+    own = {(component.kind, component.places, component.mode) for component in (entry.component, *entry.also)}
+    others = [component for component in counts if (component.kind, component.places, component.mode) not in own]
+    chosen = [component for component in entry.rivals if component in others]
+    order = sorted(others, key=lambda component: (-counts[component], component.fault.cost, component))
+    kinds = {
+        (component.kind, component.mode): component for component in reversed(order)
+    }.values()  # one of each kind first
+    places = {
+        (component.kind, component.mode, component.places): component for component in reversed(order)
+    }.values()  # then one of each place
     kept = list(
         dict.fromkeys(
-            (*chosen, *(part for part in order if part in kinds), *(part for part in order if part in places))
+            (
+                *chosen,
+                *(component for component in order if component in kinds),
+                *(component for component in order if component in places),
+            )
         )
     )[:RIVALS]
-    return [_weigh_rival(scene, entry, part, counts[part], rows) for part in kept]
+    return [_weigh_rival(scene, entry, component, counts[component], rows) for component in kept]
 
 
-def _weigh_rival(scene: Scene, entry: Finding, part: Component, number: int, rows: Sequence[Row]) -> WeighedRival:
-    success = _find_success(scene, part, rows)
-    reason = _find_reason(scene, entry, part, number < len(rows), success is not None)
+def _weigh_rival(scene: Scene, entry: Finding, component: Component, number: int, rows: Sequence[Row]) -> WeighedRival:
+    success = _find_success(scene, component, rows)
+    reason = _find_reason(scene, entry, component, number < len(rows), success is not None)
     check, observer, target = success if success and reason == evidence.SUCCESS else ("", "", "")
     return WeighedRival(
-        id=part.fault.id,
-        kind=part.kind,
-        mode=part.mode,
-        place=part.place_text,
-        what=part.what,
+        id=component.fault.id,
+        kind=component.kind,
+        mode=component.mode,
+        place=component.place_text,
+        what=component.what,
         rows=number,
-        cost=part.fault.cost,
+        cost=component.fault.cost,
         cleared=reason in evidence.CLEARED,
         reason=reason,
         check=check,
@@ -168,33 +181,33 @@ def _weigh_rival(scene: Scene, entry: Finding, part: Component, number: int, row
     )
 
 
-def _find_success(scene: Scene, part: Component, rows: Sequence[Row]) -> tuple[str, str, str] | None:
-    """Find a success that needs a part: in the pairs that failed, then in others, in both directions."""
-    pairs = chain(((row.observer, row.target) for row in rows), scene.sample_pairs(part))
+def _find_success(scene: Scene, component: Component, rows: Sequence[Row]) -> tuple[str, str, str] | None:
+    """Find a success that needs a component: in the pairs that failed, then in others, in both directions."""
+    pairs = chain(((row.observer, row.target) for row in rows), scene.sample_pairs(component))
     for observer, target in dict.fromkeys(way for one, other in pairs for way in ((one, other), (other, one))):
-        if scene.count_needs(observer, target)[part]:
+        if scene.count_needs(observer, target)[component]:
             found = scene.find_successes(observer, target)
-            return next((check, observer, target) for check, parts in found.items() if part in parts)
+            return next((check, observer, target) for check, components in found.items() if component in components)
     return None
 
 
-def _find_reason(scene: Scene, entry: Finding, part: Component, explains_fewer: bool, has_success: bool) -> str:
-    """Say what cleared a part, or why it was not named though nothing cleared it."""
-    if part in scene.broken:
+def _find_reason(scene: Scene, entry: Finding, component: Component, explains_fewer: bool, has_success: bool) -> str:
+    """Say what cleared a component, or why it was not named though nothing cleared it."""
+    if component in scene.broken:
         return evidence.OWN_FINDING
-    if has_success and part.fault.hard:
+    if has_success and component.fault.hard:
         return evidence.SUCCESS
-    doubt = scene.doubt(part)
+    doubt = scene.doubt(component)
     if doubt is None:
         return evidence.GOOD_VALUE
     if doubt == NOT_FOUND:
         return evidence.PASSING_RULES
-    if entry.followed and not any(is_consistent(part, end.place) for end in entry.followed):
+    if entry.followed and not any(is_consistent(component, end.place) for end in entry.followed):
         return evidence.PASSED_TRACE
     if entry.sure == SEEN:
         return evidence.OUTWEIGHED
     if explains_fewer:
         return evidence.FEWER
-    if part in entry.rivals:
+    if component in entry.rivals:
         return evidence.EQUAL
-    return evidence.RARER if part.fault.cost > entry.part.fault.cost else evidence.LESS
+    return evidence.RARER if component.fault.cost > entry.component.fault.cost else evidence.LESS

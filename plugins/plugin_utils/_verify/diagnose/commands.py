@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The command that mends a part, where it needs more than the part's name: pure, parts and what was read there in, words out.
+"""The command that mends a component, where it needs more than the component's name: pure, components and what was read there in, words out.
 
 What a machine told is in them only where it has the form of its place: advice.py makes each command.
 """
@@ -15,7 +15,7 @@ from ipaddress import IPv4Network
 from ..._base import advice
 from ..._faults.fault import Advice, Advices
 from ..._faults.filters import DROPPED, RULED, Dropped
-from ..components.parts import Component
+from ..components.component import Component
 from ..context.check_context import FleetState, Participant
 from .node_remedies import list_remedies
 from .onset import MAKERS
@@ -27,27 +27,27 @@ UNTIL = "until the program that makes the rules loads them again: write it there
 Commands = Iterator[str]
 
 
-def _switch_on(computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
-    for part in parts:
-        if interface := computer.interface_on.get(part.what):
+def _switch_on(computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
+    for component in components:
+        if interface := computer.interface_on.get(component.what):
             yield advice.command("ip link set dev {} up", ("device", interface.interface))
 
 
-def _set_mtu(computer: Participant, parts: Sequence[Component], state: FleetState) -> Commands:
-    for part in parts:
-        interface, usual = computer.interface_on.get(part.what), state.usual.get(part.what)
+def _set_mtu(computer: Participant, components: Sequence[Component], state: FleetState) -> Commands:
+    for component in components:
+        interface, usual = computer.interface_on.get(component.what), state.usual.get(component.what)
         if interface and usual and interface.mtu != usual:
             yield advice.command("ip link set dev {} mtu {}", ("device", interface.interface), ("number", usual))
 
 
-def _correct_prefix(computer: Participant, _parts: Sequence[Component], _state: FleetState) -> Commands:
+def _correct_prefix(computer: Participant, _components: Sequence[Component], _state: FleetState) -> Commands:
     for interface, text, found, planned in computer.find_wrong_prefixes():
         address, device = ("address", text), ("device", interface)
         yield advice.command("ip address add {}/{} dev {}", address, ("number", planned), device)
         yield advice.command("ip address del {}/{} dev {}", address, ("number", found), device)
 
 
-def _delete_default_routes(computer: Participant, _parts: Sequence[Component], _state: FleetState) -> Commands:
+def _delete_default_routes(computer: Participant, _components: Sequence[Component], _state: FleetState) -> Commands:
     """Delete those that are not planned, if the planned one is there."""
     routes = computer.probe.default_routes
     planned = {str(route.gateway) for route in computer.plan.routes if not route.destination.prefixlen}
@@ -61,33 +61,34 @@ def _delete_default_routes(computer: Participant, _parts: Sequence[Component], _
         )
 
 
-def _delete_closed_routes(_computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
-    return (advice.command("ip route del {}", ("route", part.what)) for part in parts)
+def _delete_closed_routes(_computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
+    return (advice.command("ip route del {}", ("route", component.what)) for component in components)
 
 
-def _delete_rules(_computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
-    return (advice.command("ip rule del {}", ("rule", part.what)) for part in parts)
+def _delete_rules(_computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
+    return (advice.command("ip rule del {}", ("rule", component.what)) for component in components)
 
 
-def _comment_out_lines(_computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
+def _comment_out_lines(_computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
     """Lines with one of the names that are not the collection's become comments."""
-    names = "|".join("{}" for _part in parts)
+    names = "|".join("{}" for _component in components)
     line = f"s/^[^#].*[[:space:]]({names})([[:space:]]|$)/# &/"
     yield advice.command(
-        f"sed -i -E '/rosfleet.multimaster/! {line}' /etc/hosts", *(("name", part.what) for part in parts)
+        f"sed -i -E '/rosfleet.multimaster/! {line}' /etc/hosts",
+        *(("name", component.what) for component in components),
     )
 
 
-def _comment_out_settings(computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
+def _comment_out_settings(computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
     """The line that decides at the next boot becomes a comment; nothing of a package is changed."""
     for entry in computer.probe.next_boot:
-        if entry.kind == "sysctl" and entry.name in {part.what for part in parts}:
+        if entry.kind == "sysctl" and entry.name in {component.what for component in components}:
             file = entry.file.partition(" line ")[0]
             words = "sed -i -E 's,^[[:space:]]*-?{}[[:space:]]*=,# &,' {}"
             yield advice.command(words, ("setting", entry.name), ("file", file))
 
 
-def _drop_ins(computer: Participant, _parts: Sequence[Component], _state: FleetState) -> Commands:
+def _drop_ins(computer: Participant, _components: Sequence[Component], _state: FleetState) -> Commands:
     """Drop-in files that set variables are set aside; nodes are registered at the roscore, so all of them start again."""
     services = computer.probe.services
     moves = [
@@ -101,10 +102,10 @@ def _drop_ins(computer: Participant, _parts: Sequence[Component], _state: FleetS
         yield from [*moves, "systemctl daemon-reload", restart]
 
 
-def _limit_files(_computer: Participant, parts: Sequence[Component], _state: FleetState) -> Commands:
+def _limit_files(_computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
     """A drop-in file gives a unit the limit that systemd gives, where nobody says another one."""
-    for part in parts:
-        folder, unit = "/etc/systemd/system/{}.d", ("unit", part.what)
+    for component in components:
+        folder, unit = "/etc/systemd/system/{}.d", ("unit", component.what)
         lines = "printf '[Service]\\nLimitNOFILE=1024:524288\\n'"
         yield advice.command(f"mkdir -p {folder}; {lines} > {folder}/files.conf", unit, unit)
         yield advice.command("systemctl daemon-reload; systemctl restart {}", unit)
@@ -129,35 +130,35 @@ CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 
 
-def _accept_packets(computer: Participant, parts: Sequence[Component], state: FleetState) -> Commands:
+def _accept_packets(computer: Participant, components: Sequence[Component], state: FleetState) -> Commands:
     """A rule before the one that drops lets the packets of the fleet pass; its program is told, where it is known."""
     networks = sorted({*(entry.network for entry in state.fleet.networks), state.fleet.common_network})
-    for part in parts:
-        origins, direction = state.filters.list_origins(part), part.mode.rpartition(" ")[2]
+    for component in components:
+        origins, direction = state.filters.list_origins(component), component.mode.rpartition(" ")[2]
         known = [told for maker, told in LASTING.items() if any(re.fullmatch(MAKERS[maker], one) for one in origins)]
         if known and (words := known[0][0].get(direction)):
             yield from (words.format(network) for network in networks)
             yield known[0][1]
         elif origins:
-            yield _accept_before(part, origins[0], networks)
+            yield _accept_before(component, origins[0], networks)
         elif (
             computer.seen.filters is not None and not computer.seen.filters.readable
         ):  # without nft the rules are those of iptables
-            yield from _accept_first(part, networks)
+            yield from _accept_first(component, networks)
 
 
-def _find_dropped(part: Component) -> tuple[Dropped | None, str, str]:
+def _find_dropped(component: Component) -> tuple[Dropped | None, str, str]:
     """Find the packets that a filter drops, their direction, and their port; a port that is none is empty."""
-    mode, _space, direction = part.mode.rpartition(" ")
+    mode, _space, direction = component.mode.rpartition(" ")
     if direction not in CHAINS:
-        mode, direction = part.mode, ""
+        mode, direction = component.mode, ""
     dropped = DROPPED.get(mode)
-    what = part.what or (dropped.what if dropped else "")
+    what = component.what or (dropped.what if dropped else "")
     return dropped, direction, what if what.isdigit() else ""
 
 
-def _accept_before(part: Component, origin: str, networks: Iterable[IPv4Network]) -> str:
-    dropped, direction, port = _find_dropped(part)
+def _accept_before(component: Component, origin: str, networks: Iterable[IPv4Network]) -> str:
+    dropped, direction, port = _find_dropped(component)
     match = dropped.match if dropped else ""
     if "{what}" in match and not port:
         return ""
@@ -166,8 +167,8 @@ def _accept_before(part: Component, origin: str, networks: Iterable[IPv4Network]
     return advice.command(" ".join(filter(None, words)), ("chain", origin))
 
 
-def _accept_first(part: Component, networks: Iterable[IPv4Network]) -> Commands:
-    dropped, direction, port = _find_dropped(part)
+def _accept_first(component: Component, networks: Iterable[IPv4Network]) -> Commands:
+    dropped, direction, port = _find_dropped(component)
     option = dropped.option if dropped else ""
     if "{what}" in option and not port:
         return
@@ -192,14 +193,14 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], F
 }
 
 
-def make_commands(parts: Sequence[Component], computer: Participant | None, state: FleetState) -> Advices:
-    """Return what to paste for parts that are one finding; nothing where nothing was read that says it."""
-    fault = parts[0].kind, parts[0].mode
-    if parts[0].kind == "node":
-        return list_remedies(parts, computer, state)
+def make_commands(components: Sequence[Component], computer: Participant | None, state: FleetState) -> Advices:
+    """Return what to paste for components that are one finding; nothing where nothing was read that says it."""
+    fault = components[0].kind, components[0].mode
+    if components[0].kind == "node":
+        return list_remedies(components, computer, state)
     found = COMMANDS.get(fault)
     if found is None or computer is None:
         return ()
-    words = "; ".join(filter(None, dict.fromkeys(found(computer, parts, state))))
+    words = "; ".join(filter(None, dict.fromkeys(found(computer, components, state))))
     effect = UNTIL if words.startswith(("nft ", "iptables ")) else ""
-    return (Advice(parts[0].place, words, effect),) if words else ()
+    return (Advice(components[0].place, words, effect),) if words else ()

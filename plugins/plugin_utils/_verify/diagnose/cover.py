@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The smallest explanation: few parts that explain all failures, and that no success contradicts.
+"""The smallest explanation: few components that explain all failures, and that no success contradicts.
 
-Pure, and without any knowledge of checks: failures with their suspects in, the chosen parts out. A greedy weighted cover
+Pure, and without any knowledge of checks: failures with their suspects in, the chosen components out. A greedy weighted cover
 with a lazy heap, as in network tomography (SCORE, NSDI 2005).
 """
 
@@ -15,16 +15,16 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from ..components.parts import Component
+from ..components.component import Component
 
-GAIN = 4.0  # of a failure that a part explains, in the measure of Fault.cost
-KNOWN = 2.0  # what a part gains that was read to be broken
-MOST = 5  # of these, with the part itself: a longer list does not help
-MARGIN = 1.0  # parts that are as good as the best one, but for this: it is one of these
+GAIN = 4.0  # of a failure that a component explains, in the measure of Fault.cost
+KNOWN = 2.0  # what a component gains that was read to be broken
+MOST = 5  # of these, with the component itself: a longer list does not help
+MARGIN = 1.0  # components that are as good as the best one, but for this: it is one of these
 
 
 class Failure(NamedTuple):
-    """An observation that is not as expected, with the parts that may be the reason, and what it counts."""
+    """An observation that is not as expected, with the components that may be the reason, and what it counts."""
 
     suspects: Set[Component]
     weight: float = 1.0
@@ -32,9 +32,9 @@ class Failure(NamedTuple):
 
 @dataclass
 class Explanation:
-    """A part that explains failures, by their numbers; `rivals` explain the same, and nothing tells them apart."""
+    """A component that explains failures, by their numbers; `rivals` explain the same, and nothing tells them apart."""
 
-    part: Component
+    component: Component
     failures: list[int] = field(default_factory=list)
     rivals: tuple[Component, ...] = ()
 
@@ -43,12 +43,12 @@ def explain(
     failures: Sequence[Failure],
     known: Set[Component],
     passed: Callable[[Component], int],
-    doubt: Callable[[Component], float | None] = lambda part: None if part.fault.read else 0.0,
+    doubt: Callable[[Component], float | None] = lambda component: None if component.fault.read else 0.0,
 ) -> tuple[list[Explanation], list[int]]:
-    """Choose parts until nothing is left that any part explains; return them, and the numbers of the rest.
+    """Choose components until nothing is left that any component explains; return them, and the numbers of the rest.
 
-    `known` are broken for sure. `passed` counts the successes that need a part; it is asked only about the best ones.
-    `doubt` says what a part costs more since it was not read; None where it is not concluded at all.
+    `known` are broken for sure. `passed` counts the successes that need a component; it is asked only about the best ones.
+    `doubt` says what a component costs more since it was not read; None where it is not concluded at all.
     """
     cover = _Cover(failures, known, passed, doubt)
     chosen = []
@@ -73,101 +73,102 @@ class _Cover:
         self.covers: dict[Component, list[int]] = defaultdict(list)
         self.doubts: dict[Component, float | None] = {}
         for number, failure in enumerate(failures):
-            for part in failure.suspects:
-                if part not in self.doubts:
-                    self.doubts[part] = 0.0 if part in known else doubt(part)
-                if self.doubts[part] is not None:
-                    self.covers[part].append(number)
+            for component in failure.suspects:
+                if component not in self.doubts:
+                    self.doubts[component] = 0.0 if component in known else doubt(component)
+                if self.doubts[component] is not None:
+                    self.covers[component].append(number)
         self.counted: dict[Component, int] = {}
-        # (smaller is better, the part); a score is never better than when it was put here
-        self.heap = [(self._cost(part) - GAIN * self._weight(part), part) for part in self.covers]
+        # (smaller is better, the component); a score is never better than when it was put here
+        self.heap = [(self._cost(component) - GAIN * self._weight(component), component) for component in self.covers]
         heapq.heapify(self.heap)
 
     def best(self) -> Component | None:
-        """Return the part with the best score, if it is worth its cost."""
+        """Return the component with the best score, if it is worth its cost."""
         while self.heap:
-            _hoped, part = heapq.heappop(self.heap)
-            score = self.score(part)
+            _hoped, component = heapq.heappop(self.heap)
+            score = self.score(component)
             if score <= 0:
                 continue
             if not self.heap or score >= -self.heap[0][0]:
-                return part
-            heapq.heappush(self.heap, (-score, part))
+                return component
+            heapq.heappush(self.heap, (-score, component))
         return None
 
-    def take(self, part: Component) -> list[int]:
-        """Note that a part explains what it can; return the numbers of what nothing has explained before."""
-        taken = [number for number in self.covers[part] if number in self.open]
+    def take(self, component: Component) -> list[int]:
+        """Note that a component explains what it can; return the numbers of what nothing has explained before."""
+        taken = [number for number in self.covers[component] if number in self.open]
         self.open.difference_update(taken)
         return taken
 
-    def score(self, part: Component, numbers: Set[int] | None = None) -> float:
-        """Weigh a part by what it explains of what is open, or of some numbers.
+    def score(self, component: Component, numbers: Set[int] | None = None) -> float:
+        """Weigh a component by what it explains of what is open, or of some numbers.
 
-        Successes that need it clear a part that lets nothing pass. A different part is worth its share of failures.
+        Successes that need it clear a component that lets nothing pass. A different component is worth its share of failures.
         """
-        if part not in self.counted:
-            self.counted[part] = self.passed(part)
-        successes, hits = self.counted[part], len(self.covers[part])
-        if successes and part.fault.hard:
-            return -self._cost(part)
-        return GAIN * self._weight(part, numbers) * hits / (hits + successes) - self._cost(part)
+        if component not in self.counted:
+            self.counted[component] = self.passed(component)
+        successes, hits = self.counted[component], len(self.covers[component])
+        if successes and component.fault.hard:
+            return -self._cost(component)
+        return GAIN * self._weight(component, numbers) * hits / (hits + successes) - self._cost(component)
 
-    def _weight(self, part: Component, numbers: Set[int] | None = None) -> float:
+    def _weight(self, component: Component, numbers: Set[int] | None = None) -> float:
         wanted = self.open if numbers is None else numbers
-        return sum(self.failures[number].weight for number in self.covers[part] if number in wanted)
+        return sum(self.failures[number].weight for number in self.covers[component] if number in wanted)
 
-    def _cost(self, part: Component) -> float:
-        if part in self.known:
+    def _cost(self, component: Component) -> float:
+        if component in self.known:
             return -KNOWN
-        return part.fault.cost + (self.doubts.get(part) or 0.0)
+        return component.fault.cost + (self.doubts.get(component) or 0.0)
 
     def equals(self, best: Component, numbers: Set[int]) -> list[Component]:
-        """List the parts that explain the same failures nearly as well as the best one, and better ones before."""
+        """List the components that explain the same failures nearly as well as the best one, and better ones before."""
         shared = frozenset.intersection(*(frozenset(self.failures[number].suspects) for number in numbers))
-        scores = {part: self.score(part, numbers) for part in shared & self.covers.keys()}
+        scores = {component: self.score(component, numbers) for component in shared & self.covers.keys()}
         limit = max(scores.values()) - MARGIN
         found: list[Component] = []
-        for part in sorted(
-            (part for part in scores if scores[part] >= limit), key=lambda part: (-scores[part], part != best, part)
+        for component in sorted(
+            (component for component in scores if scores[component] >= limit),
+            key=lambda component: (-scores[component], component != best, component),
         ):
-            if not any(_is_alike(part, other) for other in found):
-                found.append(part)
+            if not any(_is_alike(component, other) for other in found):
+                found.append(component)
         return found[:MOST]
 
 
 def _is_alike(one: Component, other: Component) -> bool:
-    """Return True if two parts are one for a person: the same kind at the same place, broken in the same way or in one direction."""
+    """Return True if two components are one for a person: the same kind at the same place, broken in the same way or in one direction."""
     return (one.kind, one.places) == (other.kind, other.places) and one.mode.partition(" ")[0] == other.mode.partition(
         " "
     )[0]
 
 
 def _weigh_again(entry: Explanation, kept: Sequence[Explanation], cover: _Cover) -> None:
-    """Weigh a part by what no other chosen one explains: another one may explain that better, or as well.
+    """Weigh a component by what no other chosen one explains: another one may explain that better, or as well.
 
     What was read needs no rival.
     """
-    if entry.part in cover.known or not entry.failures:
+    if entry.component in cover.known or not entry.failures:
         return
-    others = {number for other in kept if other is not entry for number in cover.covers[other.part]}
-    alone = {number for number in cover.covers[entry.part] if number not in others}
-    best, *rivals = cover.equals(entry.part, alone or set(entry.failures))
-    if cover.score(best, alone) > cover.score(entry.part, alone):
-        entry.part = best
-    entry.rivals = tuple(part for part in (best, *rivals) if not _is_alike(part, entry.part))
+    others = {number for other in kept if other is not entry for number in cover.covers[other.component]}
+    alone = {number for number in cover.covers[entry.component] if number not in others}
+    best, *rivals = cover.equals(entry.component, alone or set(entry.failures))
+    if cover.score(best, alone) > cover.score(entry.component, alone):
+        entry.component = best
+    entry.rivals = tuple(component for component in (best, *rivals) if not _is_alike(component, entry.component))
 
 
 def _drop_redundant(
     chosen: list[Explanation], covers: Mapping[Component, Sequence[int]], known: Set[Component]
 ) -> list[Explanation]:
-    """Drop a part that was only concluded where the others explain all that it explains."""
+    """Drop a component that was only concluded where the others explain all that it explains."""
     kept = list(chosen)
     for entry in reversed(chosen):
         others = [other for other in kept if other is not entry]
-        elsewhere = {number for other in others for number in covers[other.part]}
-        if entry.part not in known and elsewhere.issuperset(entry.failures):
+        elsewhere = {number for other in others for number in covers[other.component]}
+        if entry.component not in known and elsewhere.issuperset(entry.failures):
             kept = others
             for number in entry.failures:
-                next(other for other in kept if number in covers[other.part]).failures.append(number)
+                next(other for other in kept if number in covers[other.component]).failures.append(number)
     return kept

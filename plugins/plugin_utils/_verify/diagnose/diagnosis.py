@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The diagnosis: the smallest set of parts that explains what failed, and that no success contradicts.
+"""The diagnosis: the smallest set of components that explains what failed, and that no success contradicts.
 
-Pure: the plan and the observations in, findings out. The rules in rules.py decide. A success of the same kind clears a part.
+Pure: the plan and the observations in, findings out. The rules in rules.py decide. A success of the same kind clears a component.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Row, Verification
-from ..components.parts import HEARSAY, Component
+from ..components.component import HEARSAY, Component
 from ..context.check_context import LATELY
 from .because import make_because
 from .commands import make_commands
@@ -38,7 +38,7 @@ def explain_rows(verification: Verification, rows: Sequence[Row]) -> Diagnosis:
     some = rows if len(rows) <= MOST else _sample(rows)
     scene = Scene(verification, some)
     decide(scene)
-    findings = sorted(_merge_parts(scene.broken.values()), key=lambda entry: _weigh(scene, entry))
+    findings = sorted(_merge_components(scene.broken.values()), key=lambda entry: _weigh(scene, entry))
     detailed = tuple(_add_details(scene, entry, number < EXPLAINED) for number, entry in enumerate(findings))
     return Diagnosis(detailed, tuple(one.row for one in scene.open), looked_at=len(some), total=len(rows))
 
@@ -47,7 +47,9 @@ def list_unshown(verification: Verification) -> list[Sequence[Row]]:
     """List what failed and no value shows: the rows of each finding without a proof, and those that nothing explains."""
     diagnosis = explain_rows(verification, [row for row in verification.rows(Counter()) if row.verdict != OK])
     unshown = [
-        entry for entry in diagnosis.findings if not entry.proof or (entry.part.kind, entry.part.mode) in HEARSAY
+        entry
+        for entry in diagnosis.findings
+        if not entry.proof or (entry.component.kind, entry.component.mode) in HEARSAY
     ]
     return [*((*entry.proof, *entry.rows) for entry in unshown), diagnosis.unexplained]
 
@@ -65,16 +67,16 @@ def _weigh(scene: Scene, entry: Finding) -> tuple[int, float, bool, int, Compone
         _count_seconds(scene, entry),
         not entry.proof,
         -len(entry.rows) - len(entry.proof),
-        entry.part,
+        entry.component,
     )
 
 
 def _count_seconds(scene: Scene, entry: Finding) -> float:
     """Count the seconds since the last start of a unit that ended and runs again; 0 for what is so now."""
-    computer = scene.find_computer(entry.part)
-    if computer is None or entry.verdict != WARNING or entry.part.mode != "restarting":
+    computer = scene.find_computer(entry.component)
+    if computer is None or entry.verdict != WARNING or entry.component.mode != "restarting":
         return 0.0
-    units = {part.what for part in (entry.part, *entry.also)}
+    units = {component.what for component in (entry.component, *entry.also)}
     return min(
         (LATELY if one.age_s is None else one.age_s for one in computer.probe.services if one.unit in units),
         default=LATELY,
@@ -83,38 +85,40 @@ def _count_seconds(scene: Scene, entry: Finding) -> float:
 
 def _add_details(scene: Scene, entry: Finding, is_explained: bool) -> Finding:
     """Add what the machine at its place tells: since when, by how much, and what mends it."""
-    computer = scene.find_computer(entry.part)
+    computer = scene.find_computer(entry.component)
     return replace(
         _add_clock_offset(entry),
         because=make_because(scene, entry) if is_explained else None,
-        since=describe_onset(entry.part, computer, scene.verification.state),
-        commands=make_commands((entry.part, *entry.also), computer, scene.verification.state),
+        since=describe_onset(entry.component, computer, scene.verification.state),
+        commands=make_commands((entry.component, *entry.also), computer, scene.verification.state),
         inventory=scene.verification.inventory,
     )
 
 
-def _merge_parts(broken: Iterable[Finding]) -> Iterable[Finding]:
-    """Make one finding of the parts that are one for a person."""
+def _merge_components(broken: Iterable[Finding]) -> Iterable[Finding]:
+    """Make one finding of the components that are one for a person."""
     groups: dict[Component, list[Finding]] = defaultdict(list)
     for entry in broken:
-        groups[entry.part._replace(what="")].append(entry)
+        groups[entry.component._replace(what="")].append(entry)
     return map(_merge, groups.values())
 
 
 def _add_clock_offset(entry: Finding) -> Finding:
     """Say of clocks by how much they are off."""
-    parts = [
-        part._replace(what=offset(part, (*entry.proof, *entry.rows)) or part.what) if part.kind == "clock" else part
-        for part in entry.candidates
+    components = [
+        component._replace(what=offset(component, (*entry.proof, *entry.rows)) or component.what)
+        if component.kind == "clock"
+        else component
+        for component in entry.candidates
     ]
-    return replace(entry, part=parts[0], rivals=tuple(parts[1:]))
+    return replace(entry, component=components[0], rivals=tuple(components[1:]))
 
 
 def _merge(group: Sequence[Finding]) -> Finding:
-    first = min(group, key=lambda entry: (-len(entry.proof) - len(entry.rows), entry.part))
+    first = min(group, key=lambda entry: (-len(entry.proof) - len(entry.rows), entry.component))
     proof, rows = [row for entry in group for row in entry.proof], [row for entry in group for row in entry.rows]
     verdicts = {row.verdict for row in (*proof, *rows)}
     worst = next((verdict for verdict in SERIOUS if verdict in verdicts), UNKNOWN)
-    also = tuple(sorted(entry.part for entry in group if entry is not first))
+    also = tuple(sorted(entry.component for entry in group if entry is not first))
     followed = tuple(end for entry in group for end in entry.followed)[:NAMED]
     return replace(first, verdict=worst, proof=proof, rows=rows, also=also, followed=followed)

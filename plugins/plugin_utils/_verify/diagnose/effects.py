@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..checks.engine import Row, Verification
-from ..components.parts import Component
+from ..components.component import Component
 from ..context.actual_world import ActualWorld
 from ..context.packet_filters import ROSCORE
 from ..trace.place import Trip
@@ -33,7 +33,9 @@ class Effects:
     def __init__(self, verification: Verification, broken: Iterable[Component]) -> None:
         known = list(broken)
         self.verification = verification
-        self.names = [part for part in known if part.kind in ("names", "environment") and part.mode != "own"]
+        self.names = [
+            component for component in known if component.kind in ("names", "environment") and component.mode != "own"
+        ]
         self.world = ActualWorld(verification.state, known)
         self.causes: dict[Trip, Component | None] = {}
 
@@ -56,9 +58,9 @@ class Effects:
         wrong = {("names", trip.sender, trip.target), ("environment", variables, "")}
         return next(
             (
-                part
-                for part in self.names
-                if (part.kind, part.place, part.what if part.kind == "names" else "") in wrong
+                component
+                for component in self.names
+                if (component.kind, component.place, component.what if component.kind == "names" else "") in wrong
             ),
             None,
         )
@@ -72,7 +74,9 @@ def _list_trips(verification: Verification, row: Row, suspects: Iterable[Compone
     if row.check in WAYS:
         yield Trip(WAYS[row.check], row.observer, row.target)
     master, other = map(verification.ways.master_of, (row.observer, row.target))
-    for kind, place in sorted({(part.kind, part.place) for part in suspects if part.mode == "hung"}):
+    for kind, place in sorted(
+        {(component.kind, component.place) for component in suspects if component.mode == "hung"}
+    ):
         if kind == "roscore":
             yield Trip(ROSCORE, row.target if place == other != master else row.observer, place)
         else:

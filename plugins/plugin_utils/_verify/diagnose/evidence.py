@@ -47,7 +47,7 @@ class ExplainedRows:
 
 @dataclass(frozen=True)
 class WeighedRival:
-    """Another part that may be the reason of the same rows, and why it is not the finding."""
+    """Another component that may be the reason of the same rows, and why it is not the finding."""
 
     id: str
     kind: str
@@ -72,7 +72,7 @@ class Because:
     place: int  # its place in the table, from 1
     rules: int  # rows of the table
     certainty: str
-    cost: float  # of the part
+    cost: float  # of the component
     looked_at: int  # rows of the finding of which rivals were asked
     shown_by: tuple[Evidence, ...]
     explains: tuple[ExplainedRows, ...]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from ..._base.sentences import shorten_list
 from ..._faults.fault import CONTROLLER, INVENTORY, Advice, Advices
 from ..checks.engine import FAILED, UNKNOWN_INVENTORY, InventorySource, Row
-from ..components.parts import Component
+from ..components.component import Component
 from ..trace.findings import SeenEnd
 from .evidence import INFERRED, LOCATED, SEEN, Because
 
@@ -21,9 +21,9 @@ NAMED = 4  # names, networks and the like that a finding names
 
 @dataclass
 class Finding:
-    """A finding: a part that is broken, the observations that show it, and those that follow from it."""
+    """A finding: a component that is broken, the observations that show it, and those that follow from it."""
 
-    part: Component
+    component: Component
     verdict: str = FAILED
     rivals: tuple[Component, ...] = ()  # that explain the same: it is one of these
     proof: list[Row] = field(default_factory=list)  # rows with a value that shows it
@@ -46,29 +46,31 @@ class Finding:
     @property
     def candidates(self) -> tuple[Component, ...]:
         """It is one of these."""
-        return (self.part, *self.rivals)
+        return (self.component, *self.rivals)
 
     @property
     def subjects(self) -> str:
-        """Name what of the part is concerned: the first names or networks, and how many more. Of packets that end, the first."""
-        if self.part.kind == "way":
-            return self.part.what  # the report has all of `followed`
-        return shorten_list(dict.fromkeys(part.what for part in (self.part, *self.also) if part.what), NAMED)
+        """Name what of the component is concerned: the first names or networks, and how many more. Of packets that end, the first."""
+        if self.component.kind == "way":
+            return self.component.what  # the report has all of `followed`
+        return shorten_list(
+            dict.fromkeys(component.what for component in (self.component, *self.also) if component.what), NAMED
+        )
 
     def sentence(self) -> str:
         """Say what is wrong."""
-        return self.part._replace(what=self.subjects).sentence()
+        return self.component._replace(what=self.subjects).sentence()
 
     @property
     def do(self) -> Advices:
         """Say what to do: what was read gives the commands, and the row what lasts. Nothing where it is only inferred."""
         if self.sure == INFERRED:
             return ()
-        own = tuple(map(self._add_line, self.part.do(self.inventory.path)))
+        own = tuple(map(self._add_line, self.component.do(self.inventory.path)))
         if not self.commands:
             return own
         if (
-            self.part.kind == "node"
+            self.component.kind == "node"
         ):  # they name what has started the node, of which the row can only say what it may be
             return self.commands
         return (*self.commands, *(one for one in own if one.where in (CONTROLLER, INVENTORY)))
@@ -76,16 +78,18 @@ class Finding:
     def _add_line(self, one: Advice) -> Advice:
         """Add to a change of the inventory where its variables are set now."""
         names = VARIABLE.findall(one.text) if one.where == INVENTORY else ()
-        found = ((name, self.inventory.find_line(place, name)) for name in names for place in self.part.places)
+        found = ((name, self.inventory.find_line(place, name)) for name in names for place in self.component.places)
         lines = dict.fromkeys(f"{name} is in {line}" for name, line in found if line)
         return one._replace(effect="; ".join(filter(None, (one.effect, *lines))))
 
     @property
     def look(self) -> Advices:
         """Say what to look at if that does not help, or to tell the candidates apart."""
-        ways = (one for end in self.followed[:1] for one in end.look) if self.part.kind == "way" else ()
+        ways = (one for end in self.followed[:1] for one in end.look) if self.component.kind == "way" else ()
         return tuple(
-            dict.fromkeys((*ways, *(one for part in self.candidates for one in part.look(self.inventory.path))))
+            dict.fromkeys(
+                (*ways, *(one for component in self.candidates for one in component.look(self.inventory.path)))
+            )
         )
 
 

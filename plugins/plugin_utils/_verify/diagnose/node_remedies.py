@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from ..._base import advice
 from ..._faults.fault import HANDS, Advice, Advices
-from ..components.parts import Component
+from ..components.component import Component
 from ..context.announcements import Misplaced
 from ..context.check_context import FleetState, Participant
 
@@ -23,10 +23,10 @@ MOST = 3  # ways of starting that are described
 UNREAD = "its environment cannot be read here, so which variable is wrong is unknown"
 
 
-def list_remedies(parts: Sequence[Component], computer: Participant | None, state: FleetState) -> Advices:
+def list_remedies(components: Sequence[Component], computer: Participant | None, state: FleetState) -> Advices:
     """Say how the nodes of a finding are started right; nothing where nothing is known of what has started them."""
-    parts_here = set(parts)
-    nodes = [one for one in _list_nodes(state) if one.part in parts_here]
+    components_here = set(components)
+    nodes = [one for one in _list_nodes(state) if one.component in components_here]
     groups = list(dict.fromkeys(filter(None, (_describe(one, computer) for one in nodes))))
     return tuple(dict.fromkeys(one for group in groups[:MOST] for one in group))
 

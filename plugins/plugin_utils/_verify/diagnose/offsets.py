@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""By how much a clock is off, and from whose: pure, a part and the rows that it explains in, a text out."""
+"""By how much a clock is off, and from whose: pure, a component and the rows that it explains in, a text out."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ..._base.features import load_hooks
 from ..._base.sentences import shorten_list
 from ..checks.engine import Row
 from ..checks.hooks import CheckHooks
-from ..components.parts import Component
+from ..components.component import Component
 
 
-def offset(part: Component, rows: Iterable[Row]) -> str:
+def offset(component: Component, rows: Iterable[Row]) -> str:
     """Say by how much, such as "2.0 s ahead of dabo-gate and tibi-gate"; empty where nothing was measured."""
     found: dict[str, float] = {}
     for row in rows:
         seconds = _seconds(row)
-        if seconds is not None and part.place in (row.observer, row.target):
-            ahead, other = (seconds, row.observer) if row.target == part.place else (-seconds, row.target)
-            found.setdefault("its source" if other == part.place else other, ahead)
+        if seconds is not None and component.place in (row.observer, row.target):
+            ahead, other = (seconds, row.observer) if row.target == component.place else (-seconds, row.target)
+            found.setdefault("its source" if other == component.place else other, ahead)
     if not found:
         return ""
     middle, others = median(found.values()), sorted(found)

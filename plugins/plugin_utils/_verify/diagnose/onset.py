@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Since when a part is broken, where a machine tells: pure, a part and what was seen at its place in, a text out.
+"""Since when a component is broken, where a machine tells: pure, a component and what was seen at its place in, a text out.
 
 A service has a time of its own. The kernel notes none for its settings, routes and rules. So a file is told only where it decides
 the fault: its line, its value, or its table of the packet filter was read.
@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable, Mapping
 from ipaddress import IPv4Network
 
-from ..components.parts import Component
+from ..components.component import Component
 from ..context.check_context import FleetState, Participant
 from ..observe.observations import BootDeviation, Probe, ServiceState
 
@@ -37,21 +37,22 @@ MAKERS: Mapping[str, str] = {
 }
 
 
-def describe_onset(part: Component, computer: Participant | None, state: FleetState) -> str:
+def describe_onset(component: Component, computer: Participant | None, state: FleetState) -> str:
     """Say since when; empty where it is not known."""
     if computer is None:
         return ""
     probe = computer.probe
-    if part.kind in (*SERVICES, "service"):
+    if component.kind in (*SERVICES, "service"):
         return _service_time(
-            [entry for entry in probe.services if part.kind == entry.name or part.what == entry.unit], part.mode
+            [entry for entry in probe.services if component.kind == entry.name or component.what == entry.unit],
+            component.mode,
         )
-    if (part.kind, part.mode) == ("environment", "service"):
+    if (component.kind, component.mode) == ("environment", "service"):
         return _service_time([entry for entry in probe.services if entry.differing], "runs")
-    if part.kind == "link":
+    if component.kind == "link":
         return "; ".join(_link_history(probe))
-    files = (f"{entry.file} was changed {entry.when}" for entry in probe.next_boot if _decides(entry, part, state))
-    deciding = _find_subjects(part, computer, state)
+    files = (f"{entry.file} was changed {entry.when}" for entry in probe.next_boot if _decides(entry, component, state))
+    deciding = _find_subjects(component, computer, state)
     changes = (f"{entry.what} {entry.how} {entry.when}" for entry in probe.changes if entry.about in deciding)
     return "; ".join(dict.fromkeys([*files, *changes]))
 
@@ -73,41 +74,48 @@ def _link_history(probe: Probe) -> Iterable[str]:
             yield f"the link of {entry.interface} came or went {entry.carrier_changes} times"
 
 
-def _decides(entry: BootDeviation, part: Component, state: FleetState) -> bool:
+def _decides(entry: BootDeviation, component: Component, state: FleetState) -> bool:
     """Return True if a file that differs from the plan is the reason of a fault."""
     if not entry.when:
         return False
-    if part.kind == "boot":
-        return entry.kind == part.mode and (not part.what or entry.name == part.what)
-    if entry.kind == "sysctl" and (part.kind, part.mode) in SETTINGS:
-        names, value = SETTINGS[part.kind, part.mode]
+    if component.kind == "boot":
+        return entry.kind == component.mode and (not component.what or entry.name == component.what)
+    if entry.kind == "sysctl" and (component.kind, component.mode) in SETTINGS:
+        names, value = SETTINGS[component.kind, component.mode]
         return bool(re.fullmatch(names, entry.name.strip('"')) and re.search(rf" sets {value}\b", entry.found))
-    return part.kind == "route" and part.mode == "missing" and entry.kind == "route" and _leads(entry, part, state)
+    return (
+        component.kind == "route"
+        and component.mode == "missing"
+        and entry.kind == "route"
+        and _leads(entry, component, state)
+    )
 
 
-def _leads(entry: BootDeviation, part: Component, state: FleetState) -> bool:
-    """Return True if the route of a file, such as "192.168.11.0/24 by 192.168.1.201", leads to the network of a part; without one to any."""
+def _leads(entry: BootDeviation, component: Component, state: FleetState) -> bool:
+    """Return True if the route of a file, such as "192.168.11.0/24 by 192.168.1.201", leads to the network of a component; without one to any."""
     try:
         destination = IPv4Network(entry.name.strip('"').partition(" by ")[0].replace("default", "0.0.0.0/0"))
     except ValueError:
         return False
     names = state.fleet.network_names.items()
-    return not part.what or any(name == part.what and network.subnet_of(destination) for network, name in names)
+    return not component.what or any(
+        name == component.what and network.subnet_of(destination) for network, name in names
+    )
 
 
-def _find_subjects(part: Component, computer: Participant, state: FleetState) -> set[str]:
-    """Find the changes that concern a part, by their `about`."""
-    if part.kind == "names":
-        return {"order"} if part.mode == "order" else {"names"} if _is_in_file(part, computer) else set()
-    origins = state.filters.list_origins(part)
+def _find_subjects(component: Component, computer: Participant, state: FleetState) -> set[str]:
+    """Find the changes that concern a component, by their `about`."""
+    if component.kind == "names":
+        return {"order"} if component.mode == "order" else {"names"} if _is_in_file(component, computer) else set()
+    origins = state.filters.list_origins(component)
     makers = {maker for maker, own in MAKERS.items() if any(re.fullmatch(own, origin) for origin in origins)}
     tables = {f"table {origin.rpartition(' ')[0]}" for origin in origins}
     return makers if len(makers) == 1 else tables if not makers else set()
 
 
-def _is_in_file(part: Component, computer: Participant) -> bool:
+def _is_in_file(component: Component, computer: Participant) -> bool:
     """Return True if a line of /etc/hosts gives a name one of its wrong addresses."""
-    member = computer.members.get(part.what)
+    member = computer.members.get(component.what)
     return member is not None and any(
         address in member.file_addresses for address in member.addresses if address != member.address
     )

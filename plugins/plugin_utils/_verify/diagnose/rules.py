@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from ..checks.engine import FAILED, UNKNOWN, WARNING
-from ..components.parts import Component
+from ..components.component import Component
 from ..context import needs
-from ..context.needs import Parts
+from ..context.needs import Components
 from ..trace.probes import find_trip
 from .cover import Failure, explain
 from .effects import Effects
@@ -25,9 +25,9 @@ from .scene import OpenRow, Scene
 WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
 NODES = ("roscore", "discovery", "sync", "registration")  # what others see of these needs the network
 CHANCE = 0.3  # what a failure counts where packets are known to get lost
-LOSSES = ("loss", "power_save")  # modes of parts that lose some packets
+LOSSES = ("loss", "power_save")  # modes of components that lose some packets
 MOST_ENDS = 4  # places that a finding names
-NOTHING: Parts = frozenset()
+NOTHING: Components = frozenset()
 
 
 class DecisionRule(NamedTuple):
@@ -43,14 +43,14 @@ class DecisionRule(NamedTuple):
 # Rows one by one
 
 
-def _by_row(find: Callable[[Scene, OpenRow], Parts]) -> Callable[[Scene, str], None]:
-    """Make a rule of a function that returns the parts which a row shows to be broken."""
+def _by_row(find: Callable[[Scene, OpenRow], Components]) -> Callable[[Scene, str], None]:
+    """Make a rule of a function that returns the components which a row shows to be broken."""
 
     def apply(scene: Scene, rule: str) -> None:
         rest = []
         for one in scene.open:
-            if parts := find(scene, one):
-                scene.prove(parts, one.row, rule)
+            if components := find(scene, one):
+                scene.prove(components, one.row, rule)
             else:
                 rest.append(one)
         scene.open = rest
@@ -58,16 +58,16 @@ def _by_row(find: Callable[[Scene, OpenRow], Parts]) -> Callable[[Scene, str], N
     return apply
 
 
-def _find_drop(scene: Scene, one: OpenRow) -> Parts:
+def _find_drop(scene: Scene, one: OpenRow) -> Components:
     """Find the packet filter with a rule that drops what a check has sent in vain."""
     verification = scene.verification
     trip = find_trip(verification, one.row) if verification.checks[one.row.check].carries else None
-    part = trip and verification.state.filters.find_drop(trip.sender, trip.target, trip.traffic)
-    return NOTHING if part is None else frozenset({part})
+    component = trip and verification.state.filters.find_drop(trip.sender, trip.target, trip.traffic)
+    return NOTHING if component is None else frozenset({component})
 
 
-def _find_sign(scene: Scene, one: OpenRow) -> Parts:
-    """Find the part that followed packets have shown on the way of a row."""
+def _find_sign(scene: Scene, one: OpenRow) -> Components:
+    """Find the component that followed packets have shown on the way of a row."""
     end = scene.find_end(one.row)
     if end is None or end.sign is None:
         return NOTHING
@@ -75,12 +75,12 @@ def _find_sign(scene: Scene, one: OpenRow) -> Parts:
     return frozenset({end.sign})
 
 
-def _find_value(_scene: Scene, one: OpenRow) -> Parts:
+def _find_value(_scene: Scene, one: OpenRow) -> Components:
     return one.shown
 
 
-def _find_error(scene: Scene, one: OpenRow) -> Parts:
-    """Find the only part that an error leaves."""
+def _find_error(scene: Scene, one: OpenRow) -> Components:
+    """Find the only component that an error leaves."""
     if len(one.left) != 1:
         return NOTHING
     scene.outcomes[one.row] = one.outcome.value
@@ -91,27 +91,27 @@ def _find_error(scene: Scene, one: OpenRow) -> Parts:
 
 
 def _drop_consequences(scene: Scene, rule: str) -> None:
-    """Count at its cause what is broken only because another part of the same place is."""
+    """Count at its cause what is broken only because another component of the same place is."""
     scene.order_proofs()
-    for part in scene.broken:
-        scene.places[part.places].append(part)
-    reasons = {part: reason for part in scene.broken if (reason := scene.find_reason(part))}
-    for part, reason in reasons.items():
+    for component in scene.broken:
+        scene.places[component.places].append(component)
+    reasons = {component: reason for component in scene.broken if (reason := scene.find_reason(component))}
+    for component, reason in reasons.items():
         while reason in reasons:  # which follows from another one
             reason = reasons[reason]
-        scene.explain(reason, scene.broken.pop(part).proof, rule)
+        scene.explain(reason, scene.broken.pop(component).proof, rule)
 
 
 def _use_effects(scene: Scene, rule: str) -> None:
     """Give what known faults explain to their findings: what was sent ends in the world as it was read, too."""
     effects, rest = Effects(scene.verification, scene.broken), []
-    merged: dict[Component, Component] = {}  # part -> the part that it follows from
-    for part in [part for part in scene.broken if part.kind in NODES or part in scene.shown]:
-        proof = scene.broken[part].proof
+    merged: dict[Component, Component] = {}  # component -> the one that it follows from
+    for component in [component for component in scene.broken if component.kind in NODES or component in scene.shown]:
+        proof = scene.broken[component].proof
         causes = {effects.find_cause(row, scene.verification.list_suspects(row)) for row in proof}
-        if not causes & {None, part} and causes <= scene.broken.keys():
-            merged[part], entry = min(filter(None, causes)), scene.broken.pop(part)
-            scene.explain(merged[part], entry.proof + entry.rows, rule)
+        if not causes & {None, component} and causes <= scene.broken.keys():
+            merged[component], entry = min(filter(None, causes)), scene.broken.pop(component)
+            scene.explain(merged[component], entry.proof + entry.rows, rule)
     for one in scene.open:
         cause = effects.find_cause(one.row, one.suspects)
         if cause is None:
@@ -129,13 +129,13 @@ def _use_ends(scene: Scene, rule: str) -> None:
         return
     for one in scene.open:
         one.suspects = _choose_at_end(scene, one, rule)
-    places = [end for end in scene.ends if end.part in scene.shown]
+    places = [end for end in scene.ends if end.component in scene.shown]
     for one in scene.open:
         computers = scene.list_computers(one.row.observer, one.row.target)
-        one.suspects |= {end.part for end in places if end.crosses(computers)}
+        one.suspects |= {end.component for end in places if end.crosses(computers)}
 
 
-def _choose_at_end(scene: Scene, one: OpenRow, rule: str) -> Parts:
+def _choose_at_end(scene: Scene, one: OpenRow, rule: str) -> Components:
     end = scene.find_end(one.row)
     if end is None:
         return one.suspects
@@ -143,10 +143,13 @@ def _choose_at_end(scene: Scene, one: OpenRow, rule: str) -> Parts:
     row = one.row
     chosen = end.choose(filter(scene.is_possible, one.suspects))
     both = (row.observer, row.target), (row.target, row.observer)
-    # What got through between the two clears what lets nothing through, where another part is left.
-    chosen = frozenset(part for part in chosen if not any(scene.count_needs(*pair)[part] for pair in both)) or chosen
-    for part in chosen:
-        scene.shown[part].append(end)
+    # What got through between the two clears what lets nothing through, where another component is left.
+    chosen = (
+        frozenset(component for component in chosen if not any(scene.count_needs(*pair)[component] for pair in both))
+        or chosen
+    )
+    for component in chosen:
+        scene.shown[component].append(end)
     return chosen
 
 
@@ -156,36 +159,38 @@ def _explain_loss(scene: Scene, rule: str) -> None:
     So it counts less there, and what nothing else explains is the loss.
     """
     measured = [
-        one.suspects for one in scene.open if one.suspects and all(part.mode in LOSSES for part in one.suspects)
+        one.suspects
+        for one in scene.open
+        if one.suspects and all(component.mode in LOSSES for component in one.suspects)
     ]
     if not measured:
         return
     chosen, _rest = explain([Failure(suspects) for suspects in measured], set(scene.broken), scene.successes)
     for entry in chosen:
-        scene.find(entry.part, rule).rivals = entry.rivals
-    lost = frozenset(entry.part for entry in chosen)
+        scene.find(entry.component, rule).rivals = entry.rivals
+    lost = frozenset(entry.component for entry in chosen)
     scene.by_chance = {one.number: lost & _list_loss_suspects(scene, one) for one in scene.open}
 
 
-def _list_loss_suspects(scene: Scene, one: OpenRow) -> Parts:
+def _list_loss_suspects(scene: Scene, one: OpenRow) -> Components:
     row = one.row
     context = scene.verification.make_context(scene.verification.checks[row.check], row.observer, row.target)
-    return needs.loss_parts(context, row.observer, row.target) | needs.loss_parts(context, *context.masters)
+    return needs.loss_components(context, row.observer, row.target) | needs.loss_components(context, *context.masters)
 
 
-def _choose_parts(scene: Scene, rule: str) -> None:
-    """Choose few parts that explain what is left."""
+def _choose_components(scene: Scene, rule: str) -> None:
+    """Choose few components that explain what is left."""
     failures = [_weigh_failure(scene, one) for one in scene.open]
-    # what was read may have a text that says more; a row suspects the part without it
-    told = {part._replace(what=""): part for part in scene.broken}
-    ends = {end.part for end in scene.ends}
+    # what was read may have a text that says more; a row suspects the component without it
+    told = {component._replace(what=""): component for component in scene.broken}
+    ends = {end.component for end in scene.ends}
     chosen, rest = explain(failures, {*scene.broken, *told, *ends}, scene.successes, scene.doubt)
     for entry in chosen:
-        part = entry.part if entry.part in scene.broken else told.get(entry.part, entry.part)
+        component = entry.component if entry.component in scene.broken else told.get(entry.component, entry.component)
         for number in entry.failures:
             row = scene.open[number].row
-            scene.explain(part, [row], scene.traced.get(row, rule))
-        broken = scene.find(part, rule)
+            scene.explain(component, [row], scene.traced.get(row, rule))
+        broken = scene.find(component, rule)
         broken.rivals = broken.rivals or entry.rivals
         broken.passed = scene.list_successes(broken.rows)
     scene.open = [scene.open[number] for number in rest]
@@ -211,8 +216,8 @@ def _take_chance(scene: Scene, rule: str) -> None:
 
 def _name_ends(scene: Scene) -> None:
     """Add to the findings where their packets were seen to end."""
-    for part, entry in scene.broken.items():
-        places = {end.place.step: end for end in scene.shown.get(part, ())}
+    for component, entry in scene.broken.items():
+        places = {end.place.step: end for end in scene.shown.get(component, ())}
         entry.followed = tuple(places.values())[:MOST_ENDS]
 
 
@@ -226,23 +231,29 @@ RULES: Sequence[DecisionRule] = (
     ),
     DecisionRule(
         "trace-sign",
-        "packets were followed to their end, where an errno, an ICMP error or a counter names the part",
+        "packets were followed to their end, where an errno, an ICMP error or a counter names the component",
         SEEN,
         TRACE,
         _by_row(_find_sign),
     ),
     DecisionRule("value", "a value that was read is not the expected one", SEEN, VALUE, _by_row(_find_value)),
     DecisionRule(
-        "errno", "an error of what the check has sent leaves one part alone", SEEN, ERRNO, _by_row(_find_error)
+        "errno", "an error of what the check has sent leaves one component alone", SEEN, ERRNO, _by_row(_find_error)
     ),
     DecisionRule("consequence", "another fault of the same place brings it about", SEEN, VALUE, _drop_consequences),
     DecisionRule("effect", "with the known faults, the packets end at one of them", SEEN, VALUE, _use_effects),
-    DecisionRule("trace-end", "packets were followed to their end, which leaves this part", LOCATED, TRACE, _use_ends),
     DecisionRule(
-        "loss", "lost packets were measured, and this part explains most of them", INFERRED, INFERENCE, _explain_loss
+        "trace-end", "packets were followed to their end, which leaves this component", LOCATED, TRACE, _use_ends
     ),
     DecisionRule(
-        "cover", "it explains most of what is left, and no success clears it", INFERRED, INFERENCE, _choose_parts
+        "loss",
+        "lost packets were measured, and this component explains most of them",
+        INFERRED,
+        INFERENCE,
+        _explain_loss,
+    ),
+    DecisionRule(
+        "cover", "it explains most of what is left, and no success clears it", INFERRED, INFERENCE, _choose_components
     ),
     DecisionRule("chance", "packets are known to get lost on its way", INFERRED, INFERENCE, _take_chance),
 )

@@ -20,9 +20,9 @@ def _make_dataclass(struct: type[Struct]) -> None:
     if is_dataclass(struct):
         return
     for name, entry in struct.FIELDS.items():
-        part = find_struct(entry.kind)
-        if part is not None:
-            _make_dataclass(part)
+        component = find_struct(entry.kind)
+        if component is not None:
+            _make_dataclass(component)
         if not entry.kept:
             del struct.__annotations__[name]
     dataclass(frozen=True, init=False)(struct)

@@ -113,11 +113,11 @@ def list_plan_names(fleet: FleetPlan) -> frozenset[str]:
 
 
 def read_result(
-    kind: type[T], variables: Mapping[str, Any], name: str, part: str, names: Collection[str] = ()
+    kind: type[T], variables: Mapping[str, Any], name: str, component: str, names: Collection[str] = ()
 ) -> T | None:
     """Read a registered result; None where the task gave no result, or one without this part. Raises Mismatch."""
     result = find_result(variables, name)
-    return from_plain(kind, quote_texts(result, names=names)) if part in result else None
+    return from_plain(kind, quote_texts(result, names=names)) if component in result else None
 
 
 def quote_texts(value: Any, key: str = "", names: Collection[str] = ()) -> Any:
@@ -125,9 +125,9 @@ def quote_texts(value: Any, key: str = "", names: Collection[str] = ()) -> Any:
     if isinstance(value, str):
         return value if value in names else _quote_text(value, key)
     if isinstance(value, Mapping):
-        return {_quote_key(str(name), names): quote_texts(part, name, names) for name, part in value.items()}
+        return {_quote_key(str(name), names): quote_texts(component, name, names) for name, component in value.items()}
     if isinstance(value, (list, tuple)):
-        return [quote_texts(part, key, names) for part in value]
+        return [quote_texts(component, key, names) for component in value]
     return value
 
 
@@ -177,9 +177,9 @@ def read_preflight(variables: Mapping[str, Any], name: str, names: Collection[st
     state = plan["found"]
     # These are sentences of fleet_check, which has quoted the robot's texts in them.
     sentences = {
-        part: plain_data(state[part], LINE)
-        for part in ("runs", "noted", "overlaps", "warned", "broken_ros")
-        if part in state
+        component: plain_data(state[component], LINE)
+        for component in ("runs", "noted", "overlaps", "warned", "broken_ros")
+        if component in state
     }
     lines = {"set_by": plain_data(state["set_by"], LINE)} if "set_by" in state else {}
     return from_plain(MachineState, {**quote_texts(state, names=names), **sentences, **lines})

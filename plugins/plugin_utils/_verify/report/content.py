@@ -44,11 +44,11 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """List the findings with their rows."""
     return [
         {
-            "id": entry.part.fault.id,
-            "page": entry.part.fault.page,
-            "kind": entry.part.kind,
-            "place": entry.part.place_text,
-            "mode": entry.part.mode,
+            "id": entry.component.fault.id,
+            "page": entry.component.fault.page,
+            "kind": entry.component.kind,
+            "place": entry.component.place_text,
+            "mode": entry.component.mode,
             "what": entry.subjects,
             "verdict": entry.verdict,
             "sentence": entry.sentence(),
@@ -61,13 +61,13 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "since": entry.since,
             "rivals": [
                 {
-                    "id": part.fault.id,
-                    "kind": part.kind,
-                    "place": part.place_text,
-                    "mode": part.mode,
-                    "sentence": part.sentence(),
+                    "id": component.fault.id,
+                    "kind": component.kind,
+                    "place": component.place_text,
+                    "mode": component.mode,
+                    "sentence": component.sentence(),
                 }
-                for part in entry.rivals
+                for component in entry.rivals
             ],
             "because": to_plain(entry.because) if entry.because else {},
             "seen": [row._asdict() for row in entry.proof],
@@ -152,11 +152,11 @@ def _list_registrations(
     return {**_name_registrations(exchange), "takes": takes}
 
 
-def _name_registrations(part: Exchange | Import) -> dict[str, list[str]]:
+def _name_registrations(component: Exchange | Import) -> dict[str, list[str]]:
     """Name what is published and served, by own nodes or by those of another master."""
     return {
-        "topics": _clean_names(topic.name for topic in part.topics if _has_publisher(topic.publishers)),
-        "services": _clean_names(service.name for service in part.services),
+        "topics": _clean_names(topic.name for topic in component.topics if _has_publisher(topic.publishers)),
+        "services": _clean_names(service.name for service in component.services),
     }
 
 

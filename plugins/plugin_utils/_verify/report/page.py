@@ -84,12 +84,12 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
 
 def _shorten(entry: Mapping[str, Any]) -> dict[str, Any]:
     """Return a finding with the first of its rows, and its ways as pictures."""
-    parts = plain_data({**entry, "seen": (), "follows": (), "ways": (), "because": {}}, LINE)
+    components = plain_data({**entry, "seen": (), "follows": (), "ways": (), "because": {}}, LINE)
     why = [(label, plain(text, LINE)) for label, text in list_lines(entry)]
     drawn = [Markup(draw_way(way)) for way in entry["ways"]]  # noqa: S704  # its texts are escaped there
-    causes = join_causes([cause["sentence"] for cause in (parts, *parts["rivals"])])
+    causes = join_causes([cause["sentence"] for cause in (components, *components["rivals"])])
     rows = {"seen": _rows(entry["seen"]), "follows": _rows(entry["follows"])}
-    return {**parts, **rows, "causes": causes, "ways": drawn, "why": why}
+    return {**components, **rows, "causes": causes, "ways": drawn, "why": why}
 
 
 def _rows(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -81,7 +81,9 @@ def _device(plan: ComputerPlan) -> _Device:
         "router": plan.is_router,
     }
     addresses = dict.fromkeys(str(address) for address in (plan.address, plan.common_address) if address)
-    own = [duty for duty in duties if duties[duty]] + [part.duty for part in plan.features.values() if part.duty]
+    own = [duty for duty in duties if duties[duty]] + [
+        component.duty for component in plan.features.values() if component.duty
+    ]
     duty = " ".join(own) or "computer"
     lines = ("sealed" if plan.sealed else duty, *addresses)
     return _Device(plan.computer, lines, f"{plan.computer}: {', '.join(lines)}")
@@ -119,12 +121,12 @@ class _Picture:
         self.width = self.each * (self.frame + GAP) + 2 * EDGE
         self.frames: list[str] = []
         self.wires: list[str] = []
-        self.parts: list[str] = []
+        self.components: list[str] = []
 
     def svg(self) -> str:
         """Draw all: frames lie behind wires, and wires behind boxes."""
         y = self._router(EDGE)
-        rows, top = _part(self.robots, self.each), y + BAR // 2
+        rows, top = _component(self.robots, self.each), y + BAR // 2
         for number, robots in enumerate(rows):
             last = y
             self._bar(EDGE, y, self.width - 2 * EDGE, self._common(number), COMMON if number == 0 else "")
@@ -135,7 +137,7 @@ class _Picture:
         if len(rows) > 1:  # the bars are one network
             self._wire(EDGE + 1, top, last)
         title = f"The fleet: {len(self.robots)} robots, {len(self.fleet.computers)} computers"
-        return write_svg(self.width, y, "group", title, STYLE, [*self.frames, *self.wires, *self.parts])
+        return write_svg(self.width, y, "group", title, STYLE, [*self.frames, *self.wires, *self.components])
 
     def _common(self, row: int) -> str:
         fleet = self.fleet
@@ -194,7 +196,7 @@ class _Picture:
 
     def _hang(self, devices: Sequence[_Device], x: int, y: int, above: int) -> int:
         """Draw boxes in columns below a bar, with wires in the outer aisles; return the y of the next thing."""
-        for row in _part(devices, COLUMNS):
+        for row in _component(devices, COLUMNS):
             for column, device in enumerate(row):
                 left = x + GAP + column * (self.box + GAP)
                 self._wire(left + (self.box - AISLE // 2 if column else AISLE // 2), above, y)
@@ -208,19 +210,21 @@ class _Picture:
     def _box(self, device: _Device, x: int, y: int) -> None:
         marks = self.marks.get(device.name, ())
         kind = "box" if device.planned else "box device"
-        self.parts.append(
+        self.components.append(
             f'<g><title>{escape(plain(device.title))}</title><rect class="{kind}{_class(marks)}" x="{x}" y="{y}" '
             f'width="{self.box}" height="{self._height(device)}" rx="4"/>'
         )
         self._text(x + GAP, y + 19, shorten(device.name), "name")
         for number, line in enumerate(device.lines):
             self._text(x + GAP, y + 35 + 14 * number, line, "small")
-        self.parts.append("</g>")
+        self.components.append("</g>")
         self._marks(x + self.box, y - 14, marks)  # above the name
 
     def _bar(self, x: int, y: int, width: int, text: str, place: str) -> None:
         marks = self.marks.get(place, ()) if place else ()
-        self.parts.append(f'<rect class="bar{_class(marks)}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>')
+        self.components.append(
+            f'<rect class="bar{_class(marks)}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>'
+        )
         self._text(x + GAP + AISLE, y - 5, text, "small")
         self._marks(x + width, y - 8, marks)
 
@@ -231,7 +235,7 @@ class _Picture:
             last = position == MARKS - 1 and len(marks) > MARKS
             label = f"{len(marks) - MARKS + 1} more" if last else f"{SIGNS[verdict]} {number}"
             title = f"{verdict}: finding {number}: {plain(entry['sentence'], 400)}"
-            self.parts.append(
+            self.components.append(
                 f'<a href="#finding-{number}" aria-label={quoteattr(title)}><title>{escape(title)}</title>'
                 f'<g class="mark {verdict}"><rect x="{x}" y="{y}" width="38" height="20" rx="3"/>'
                 f'<text x="{x + 19}" y="{y + 15}">{label}</text></g></a>'
@@ -241,7 +245,7 @@ class _Picture:
         self.wires.append(f'<line class="wire" x1="{x}" y1="{top}" x2="{x}" y2="{bottom}"/>')
 
     def _text(self, x: int, y: int, text: str, kind: str) -> None:
-        self.parts.append(f'<text class="{kind}" x="{x}" y="{y}">{escape(plain(text))}</text>')
+        self.components.append(f'<text class="{kind}" x="{x}" y="{y}">{escape(plain(text))}</text>')
 
 
 def _class(marks: Sequence[tuple[int, _Finding]]) -> str:
@@ -250,6 +254,6 @@ def _class(marks: Sequence[tuple[int, _Finding]]) -> str:
     return next((f" is-{verdict}" for verdict in (FAILED, WARNING, UNKNOWN) if verdict in verdicts), "")
 
 
-def _part(entries: Sequence[_T], size: int) -> list[Sequence[_T]]:
+def _component(entries: Sequence[_T], size: int) -> list[Sequence[_T]]:
     """Part a list into rows."""
     return [entries[begin : begin + size] for begin in range(0, len(entries), size)]

@@ -40,23 +40,27 @@ def render(
     remarks: Sequence[str] = (),
 ) -> str:
     """Return the report, of this width where names allow it. Without `everything` it has no table and no matrix."""
-    parts = [_title(summary), _table(summary)] if everything else [_title(summary)]
+    components = [_title(summary), _table(summary)] if everything else [_title(summary)]
     if everything and len(summary.computers) > 1 and is_small(summary.computers):
-        parts.append(_matrix(summary))
+        components.append(_matrix(summary))
     numbers = count(1)
     if diagnosis.looked_at < diagnosis.total:
-        parts.append(f"Explained are {diagnosis.looked_at} of {diagnosis.total} results that are not as expected.")
+        components.append(f"Explained are {diagnosis.looked_at} of {diagnosis.total} results that are not as expected.")
     for verdict, heading in ((FAILED, "Findings"), (WARNING, "Warnings"), (UNKNOWN, "Not judged")):
-        parts += _findings([entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers, width)
-    parts += (
-        [f"What an id such as {diagnosis.findings[0].part.fault.id} means:\n  {PAGES}"] if diagnosis.findings else []
+        components += _findings(
+            [entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers, width
+        )
+    components += (
+        [f"What an id such as {diagnosis.findings[0].component.fault.id} means:\n  {PAGES}"]
+        if diagnosis.findings
+        else []
     )
-    parts += _format_unexplained(diagnosis.unexplained, width)
-    parts += _format_nodes(nodes, width) if nodes else []
-    parts += _format_traffic(traffic, width) if traffic else []
-    parts += _format_remarks(remarks, width)
-    parts.append(summary.verdict_line)
-    return "\n\n".join(parts)
+    components += _format_unexplained(diagnosis.unexplained, width)
+    components += _format_nodes(nodes, width) if nodes else []
+    components += _format_traffic(traffic, width) if traffic else []
+    components += _format_remarks(remarks, width)
+    components.append(summary.verdict_line)
+    return "\n\n".join(components)
 
 
 def _title(summary: Summary) -> str:
@@ -123,8 +127,8 @@ def _findings(findings: Sequence[Finding], heading: str, numbers: Iterator[int],
 
 def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
     """Yield the lines of a finding: (label, text). Those without a text are not printed."""
-    causes = [part.sentence() for part in entry.candidates] if entry.rivals else [entry.sentence()]
-    named = [f"{cause} [{part.fault.id}]" for cause, part in zip(causes, entry.candidates, strict=True)]
+    causes = [component.sentence() for component in entry.candidates] if entry.rivals else [entry.sentence()]
+    named = [f"{cause} [{component.fault.id}]" for cause, component in zip(causes, entry.candidates, strict=True)]
     yield "{number:>3}. ", join_causes(named)
     if entry.proof:
         yield "     seen:     ", _describe_rows(entry.proof)
@@ -134,7 +138,7 @@ def _finding(entry: Finding) -> Iterator[tuple[str, str]]:
         if entry.passed:
             yield "     besides:  ", "in the same pairs these succeed: " + _count_checks(entry.passed)
     for end in entry.followed:
-        if end.words != entry.part.what:
+        if end.words != entry.component.what:
             yield "     followed: ", end.words
     yield "     since:    ", entry.since
     yield "     behind:   ", _name_unexamined(entry)
@@ -157,7 +161,7 @@ def _example(rows: Sequence[Row]) -> str:
 def _name_unexamined(entry: Finding) -> str:
     """Return the computers that could not be examined because of a finding."""
     names = dict.fromkeys(row.observer for row in entry.rows if row.check == "reachable")
-    others = [name for name in names if name not in entry.part.places]
+    others = [name for name in names if name not in entry.component.places]
     return f"not examined: {shorten_list(others, PAIRS)}" if others else ""
 
 

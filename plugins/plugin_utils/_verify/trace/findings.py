@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The packet trace of a run: the places where packets were seen to end, and the part that each leaves. Pure."""
+"""The packet trace of a run: the places where packets were seen to end, and the component that each leaves. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from itertools import pairwise
 from ..._base import advice
 from ..._faults.fault import Advice, Advices
 from ..checks.engine import Verification
-from ..components.parts import Component
+from ..components.component import Component
 from ..observe.packet_trace import SeenPackets, TraceObservation
 from .place import LossPlace, Map, SeenHop, Trip, describe_counters, describe_place, locate
 from .suspects import find_sign, is_consistent, name_place
@@ -35,11 +35,11 @@ class SeenEnd:
 
     place: LossPlace
     words: str  # what was seen there
-    sign: Component | None  # the one part of the table that this shows
+    sign: Component | None  # the one component of the table that this shows
 
     @property
-    def part(self) -> Component:
-        """The part that the place shows, or the place itself."""
+    def component(self) -> Component:
+        """The component that the place shows, or the place itself."""
         return self.sign or name_place(self.place, self.words)
 
     @property
@@ -63,13 +63,13 @@ class SeenEnd:
         return (Advice(self.place.at, command, effect),) if command and self.place.at else ()
 
     def crosses(self, computers: Iterable[str]) -> bool:
-        """Return True if a way by these computers leads through the place, and by the part that it shows."""
+        """Return True if a way by these computers leads through the place, and by the component that it shows."""
         return {*self.place.places, *(self.sign.places if self.sign else ())} <= set(computers)
 
     def choose(self, suspects: Iterable[Component]) -> frozenset[Component]:
         """Return the suspects that the place leaves; the place itself where it leaves none."""
-        left = () if self.sign else (part for part in suspects if is_consistent(part, self.place))
-        return frozenset(left) or frozenset({self.part})
+        left = () if self.sign else (component for component in suspects if is_consistent(component, self.place))
+        return frozenset(left) or frozenset({self.component})
 
 
 def find_ends(verification: Verification) -> list[SeenEnd]:

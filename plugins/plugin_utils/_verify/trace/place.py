@@ -17,7 +17,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from ..._base.sentences import shorten_list
-from ..context.errors import list_own_parts
+from ..context.errors import list_own_components
 from ..context.packet_filters import GROUP
 from ..observe.outcomes import Outcome
 from ..observe.packet_trace import CapturedPacket, Counter, SentProbe, TracedProbe, TraceObservation
@@ -249,7 +249,7 @@ class _Walk:
 
     def _start(self) -> TraceStage:
         """The stage of packets that nobody saw leave their sender. An errno of its kernel is evidence without a listener."""
-        if self.sent and list_own_parts(self.sent.outcome, self.probe.sender, self.probe.traffic):
+        if self.sent and list_own_components(self.sent.outcome, self.probe.sender, self.probe.traffic):
             return TraceStage.SOURCE
         if self.sent is None or self.sent.outcome in (Outcome.NOT_TRIED, Outcome.FAILED):  # it has sent none, maybe
             return TraceStage.UNSEEN

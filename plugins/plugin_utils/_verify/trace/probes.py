@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 
 from ..checks.engine import FAILED, WARNING, Row, Verification
-from ..components.parts import Component
+from ..components.component import Component
 from ..context.packet_filters import GROUP, ROSCORE, TRAFFIC
 from ..observe.packet_trace import TracedProbe
 from .place import LARGE, Trip

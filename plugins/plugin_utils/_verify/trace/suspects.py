@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""From the place where packets end to the parts that may be broken there. Pure.
+"""From the place where packets end to the components that may be broken there. Pure.
 
 A packet that was seen to leave a computer has passed its packet filter, and one that did not come in has not met the next one's. So a
-stage leaves few kinds of parts; an errno, an ICMP error or a counter may leave one. Where none of the parts that a check
-suspects is left, the place itself is the part.
+stage leaves few kinds of components; an errno, an ICMP error or a counter may leave one. Where none of the components that a check
+suspects is left, the place itself is the component.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import re
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from ..components.parts import Component
-from ..context.errors import PROGRAMS, list_own_parts
+from ..components.component import Component
+from ..context.errors import PROGRAMS, list_own_components
 from ..observe.packet_trace import SeenPackets
 from .place import LARGE, LossPlace, TraceStage
 
-# Where a part is: at the place, at the next computer, or a network between them
+# Where a component is: at the place, at the next computer, or a network between them
 AT, NEXT, BETWEEN = "at", "next", "between"
-# stage -> (where a part is, its kind, the modes that it may have; empty for all of them)
+# stage -> (where a component is, its kind, the modes that it may have; empty for all of them)
 CONSISTENT: Mapping[TraceStage, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
     TraceStage.SOURCE: (
         (AT, "filter", ("out", "changed", "pair")),
@@ -85,30 +85,30 @@ EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
 SHORT = 32  # a packet that begins with less has a time to live that somebody has set
 
 
-def is_consistent(part: Component, place: LossPlace) -> bool:
-    """Return True if a part may be the reason why packets end at a place."""
+def is_consistent(component: Component, place: LossPlace) -> bool:
+    """Return True if a component may be the reason why packets end at a place."""
     rows = CONSISTENT.get(place.stage, ())
-    return any(_is_there(part, where, place) and _fits(part, kind, modes) for where, kind, modes in rows)
+    return any(_is_there(component, where, place) and _fits(component, kind, modes) for where, kind, modes in rows)
 
 
-def _is_there(part: Component, where: str, place: LossPlace) -> bool:
+def _is_there(component: Component, where: str, place: LossPlace) -> bool:
     if where == BETWEEN:
-        return part.kind == "network"
-    return (place.at if where == AT else place.next) in part.places
+        return component.kind == "network"
+    return (place.at if where == AT else place.next) in component.places
 
 
-def _fits(part: Component, kind: str, modes: tuple[str, ...]) -> bool:
+def _fits(component: Component, kind: str, modes: tuple[str, ...]) -> bool:
     """The last word of a filter's mode is its direction; without one it drops both."""
-    if part.kind != kind or not modes:
-        return part.kind == kind
-    if part.kind != "filter" or part.mode in ("forward", "changed", "pair"):
-        return part.mode in modes
-    direction = part.mode.rpartition(" ")[2] if " " in part.mode else ""
+    if component.kind != kind or not modes:
+        return component.kind == kind
+    if component.kind != "filter" or component.mode in ("forward", "changed", "pair"):
+        return component.mode in modes
+    direction = component.mode.rpartition(" ")[2] if " " in component.mode else ""
     return direction in modes or not direction
 
 
 def name_place(place: LossPlace, words: str) -> Component:
-    """Make the part that is the place itself, with what was seen there in words."""
+    """Make the component that is the place itself, with what was seen there in words."""
     other = place.probe.sender if place.stage == TraceStage.MUTE else place.next
     if place.stage in BETWEEN_TWO and other:  # one of the two alone says what others do not see
         return Component.from_pair("way", "between", place.at, other, what=words)
@@ -119,21 +119,21 @@ def name_place(place: LossPlace, words: str) -> Component:
 
 
 class Sign(NamedTuple):
-    """A sign that makes a place one part of the table of faults."""
+    """A sign that makes a place one component of the table of faults."""
 
     stages: tuple[TraceStage, ...]
     is_shown: Callable[[LossPlace, SeenPackets], bool]
     make: Callable[[LossPlace], Component]
 
 
-def _list_own_parts(place: LossPlace) -> list[Component]:
-    return list_own_parts(place.sent.outcome, place.at, _name_traffic(place)) if place.sent else []
+def _list_own_components(place: LossPlace) -> list[Component]:
+    return list_own_components(place.sent.outcome, place.at, _name_traffic(place)) if place.sent else []
 
 
 def _has_own_error(place: LossPlace, _packets: SeenPackets) -> bool:
-    """Return True if the sender's own kernel has refused to send, by a part that is the only one, or that nobody reads."""
-    parts = _list_own_parts(place)
-    return len(parts) == 1 or any(not part.fault.read for part in parts)
+    """Return True if the sender's own kernel has refused to send, by a component that is the only one, or that nobody reads."""
+    components = _list_own_components(place)
+    return len(components) == 1 or any(not component.fault.read for component in components)
 
 
 def _began_short(place: LossPlace, _packets: SeenPackets) -> bool:
@@ -187,7 +187,7 @@ def _name_traffic(place: LossPlace) -> str:
 
 
 SIGNS = (
-    Sign((TraceStage.SOURCE,), _has_own_error, lambda place: _list_own_parts(place)[0]),
+    Sign((TraceStage.SOURCE,), _has_own_error, lambda place: _list_own_components(place)[0]),
     Sign(
         (TraceStage.STRANGER, TraceStage.WIRE),
         _is_fixed,
@@ -207,7 +207,7 @@ SIGNS = (
 
 
 def find_sign(place: LossPlace, packets: SeenPackets) -> Component | None:
-    """Return the one part of the table that is shown by a place, and by what its computer tells; None where several are left."""
+    """Return the one component of the table that is shown by a place, and by what its computer tells; None where several are left."""
     return next(
         (sign.make(place) for sign in SIGNS if place.stage in sign.stages and sign.is_shown(place, packets)), None
     )

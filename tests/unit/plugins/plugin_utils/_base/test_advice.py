@@ -11,7 +11,7 @@ import shlex
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import advice
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import HANDS, INVENTORY
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FAULTS, Component
 from hypothesis import given
 from hypothesis import strategies as st
 

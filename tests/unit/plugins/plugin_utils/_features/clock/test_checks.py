@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import TimeSource
-from fleets import ONE, TWO, diagnosed, of, parts, plan, update
+from fleets import ONE, TWO, components, diagnosed, of, plan, update
 
 SERVER = "192.168.1.1"
 GOOD = TimeSource(SERVER, selected=True, reachable=True, offset_s=0.0001)
@@ -48,7 +48,7 @@ def stopped(name):
 
 
 @pytest.mark.parametrize(
-    ("change", "part"),
+    ("change", "component"),
     [
         (stopped(TWO), NONE),
         (clocks_apart(stopped(TWO)), NONE),
@@ -63,8 +63,8 @@ def stopped(name):
         (clocks_apart(sources(TimeSource(SERVER, True, True, 2.0))), OFF),
     ],
 )
-def test_each_fault_is_one_finding(change, part):
-    assert parts(tell(change)) == [part]
+def test_each_fault_is_one_finding(change, component):
+    assert components(tell(change)) == [component]
 
 
 def test_all_is_well_without_a_fault():
@@ -76,7 +76,7 @@ def test_a_dead_source_explains_its_silence():
         stopped(ONE)(seen)
         sources(TimeSource(SERVER))(seen)
 
-    assert parts(tell(dead)) == [("time_source", ONE, "none")]
+    assert components(tell(dead)) == [("time_source", ONE, "none")]
 
 
 def test_a_clock_is_told_by_how_much_its_source_says():

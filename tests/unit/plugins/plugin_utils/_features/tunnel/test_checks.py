@@ -10,7 +10,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     ServiceState,
     TunnelPeer,
 )
-from fleets import diagnosed, parts, plan, update
+from fleets import components, diagnosed, plan, update
 
 NAMES = ["kobuki1computer", "kobuki2computer", "kobuki3computer"]
 ONE, TWO, THREE = NAMES
@@ -135,7 +135,7 @@ def killed(seen):
 
 
 @pytest.mark.parametrize(
-    ("change", "part"),
+    ("change", "component"),
     [
         (mute((ONE, TWO), (TWO, THREE)), ("tunnel", TWO, "silent")),
         (late(3600), ("tunnel", TWO, "clock")),
@@ -152,8 +152,8 @@ def killed(seen):
         (killed, ("tunnel", TWO, "ended")),
     ],
 )
-def test_each_fault_of_a_tunnel_is_named_once(change, part):
-    assert parts(tell(change)) == [part]
+def test_each_fault_of_a_tunnel_is_named_once(change, component):
+    assert components(tell(change)) == [component]
 
 
 def test_a_tunnel_that_works_has_no_finding():

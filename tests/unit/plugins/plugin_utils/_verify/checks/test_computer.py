@@ -24,6 +24,7 @@ from fleets import (
     SEALED,
     TWO,
     assert_told,
+    components,
     diagnose,
     diagnosed,
     evaluate,
@@ -35,7 +36,6 @@ from fleets import (
     observed,
     of,
     outside,
-    parts,
     plan,
     sealed,
     second_default_route,
@@ -208,7 +208,7 @@ def test_usual_orders_of_names_are_right(names):
 
 def test_a_small_mtu_is_told_with_the_large_packets_it_costs():
     first, *others = diagnosed(_small, plan(robots=3)).findings
-    assert first.part[:3] == ("interface", ONE, "mtu") and first.verdict == WARNING and not others
+    assert first.component[:3] == ("interface", ONE, "mtu") and first.verdict == WARNING and not others
     assert [row.check for row in first.rows] == ["ping_large"]
 
 
@@ -227,7 +227,7 @@ def test_a_computer_that_is_down_is_named_once():
         update(of(multicast.udp, TWO), heard_from=False, unicast=None, source_address=None)
     no_arp(seen, TWO)
     found = diagnose(fleet, seen)
-    assert parts(found) == [("computer", TWO, "off")] and not found.unexplained
+    assert components(found) == [("computer", TWO, "off")] and not found.unexplained
     assert "no route to host" in {row.found for row in found.findings[0].rows}
     others = {ONE, "kobuki3computer"}
     assert not any({row.observer, row.target} == others for row in found.findings[0].rows)
@@ -248,14 +248,14 @@ def test_behind_a_gateway_that_is_down_nobody_is_named():
         for entry in one.multicast.udp if one.multicast else ():
             if entry.name == "car-visio":
                 update(entry, heard_from=False, unicast=None, source_address=None, own_source_address=None)
-    assert parts(diagnose(fleet, seen)) == [("computer", "car-visio", "off")]
+    assert components(diagnose(fleet, seen)) == [("computer", "car-visio", "off")]
 
 
 def test_a_computer_without_a_result_is_named():
     fleet = plan()
     seen = {ONE: good(fleet, ONE), TWO: Observation(problem="MODULE FAILURE")}
     found = diagnose(fleet, seen)
-    assert parts(found) == [("computer", TWO, "unmeasured")]
+    assert components(found) == [("computer", TWO, "unmeasured")]
     assert found.findings[0].proof[0].found == "MODULE FAILURE"
 
 
@@ -291,7 +291,7 @@ def test_of_two_restarts_the_last_one_stands_first(ages):
     seen = observed(fleet)
     for computer, age in zip((ONE, TWO), ages, strict=True):
         update(of(seen[computer].probe.services, "roscore"), restarts=4, age_s=age)
-    told = [entry.part.place for entry in diagnose(fleet, seen).findings]
+    told = [entry.component.place for entry in diagnose(fleet, seen).findings]
     assert told == sorted((ONE, TWO), key=lambda name: ages[(ONE, TWO).index(name)])
 
 
@@ -300,7 +300,7 @@ def test_a_full_process_explains_what_it_does_not_answer():
         _service(open_files=1024, most_files=1024)(seen)
         _silent_roscore("no answer within 5 s")(seen)
 
-    assert parts(diagnosed(change)) == [("service", ONE, "full")]
+    assert components(diagnosed(change)) == [("service", ONE, "full")]
 
 
 @pytest.mark.parametrize(
@@ -321,7 +321,7 @@ def test_a_roscore_that_hangs_is_told_from_one_behind_a_filter(tcp, waiting, exp
         _silent_roscore("no answer within 5 s")(seen)
         _roscore(outcome=Outcome.NO_ANSWER, tcp_outcome=tcp, waiting=waiting)(seen)
 
-    assert parts(diagnosed(change)) == [expected]
+    assert components(diagnosed(change)) == [expected]
 
 
 def test_a_service_with_room_for_files_is_well():
@@ -370,7 +370,7 @@ NOT_JUDGED = {("sealed", COMPANION, COMPANION): UNKNOWN}
 
 def test_a_sealed_computer_is_not_judged():
     assert {key: row.verdict for key, row in notable(evaluate(fleet=sealed())).items()} == NOT_JUDGED
-    assert parts(diagnosed(fleet=sealed())) == [("computer", SEALED, "sealed")]
+    assert components(diagnosed(fleet=sealed())) == [("computer", SEALED, "sealed")]
 
 
 def test_a_sealed_roscore_may_have_each_of_its_names():
@@ -388,7 +388,7 @@ def test_a_silent_sealed_roscore_is_named():
         update(seen[COMPANION].probe, list_masters=MasterList(error="ERROR: Unable to communicate with master!"))
         update(of(seen[ONE].probe.list_masters.masters, SEALED), online=False)
 
-    assert ("roscore", SEALED, "sealed") in parts(diagnosed(silence, sealed()))
+    assert ("roscore", SEALED, "sealed") in components(diagnosed(silence, sealed()))
 
 
 def test_an_address_of_a_vpn_stands_alone():
@@ -411,5 +411,5 @@ def test_services_of_which_systemd_told_nothing_are_not_said_to_be_down():
         update(seen[ONE].probe, services=(), problems=("services could not be looked at: no answer within 60 s.",))
 
     (finding,) = diagnosed(change).findings
-    assert (finding.part.kind, finding.part.mode) == ("computer", "unmeasured")
+    assert (finding.component.kind, finding.component.mode) == ("computer", "unmeasured")
     assert [row.verdict for row in evaluate(change) if (row.check, row.observer) == ("services", ONE)] == [UNKNOWN]

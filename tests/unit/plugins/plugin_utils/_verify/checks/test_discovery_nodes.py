@@ -16,12 +16,12 @@ from fleets import (
     ONE,
     TWO,
     assert_told,
+    components,
     diagnosed,
     evaluate,
     fig12,
     notable,
     of,
-    parts,
     plan,
     silent,
     update,
@@ -145,7 +145,7 @@ EITHER = [
 @pytest.mark.parametrize(("change", "check", "either"), EITHER)
 def test_what_cannot_be_decided_is_said_to_be_one_of_two(change, check, either):
     (found,) = diagnosed(change).findings
-    assert {part[:3] for part in found.candidates} >= either
+    assert {component[:3] for component in found.candidates} >= either
     assert check in {row.check for row in found.rows}
 
 
@@ -156,7 +156,7 @@ def test_the_clock_of_one_of_three_is_named():
                 if one != entry.computer and TWO in (one, entry.computer):
                     update(entry, clock_offset_s=2.0)
 
-    assert parts(diagnosed(change, plan(robots=3))) == [("clock", TWO, "off")]
+    assert components(diagnosed(change, plan(robots=3))) == [("clock", TWO, "off")]
 
 
 def test_the_group_that_a_network_does_not_carry_is_told_once():
@@ -165,7 +165,7 @@ def test_the_group_that_a_network_does_not_carry_is_told_once():
             for entry in one.multicast.udp:
                 update(entry, heard_from=False, heard=0, source_address=None)
 
-    assert parts(diagnosed(change, plan(robots=4))) == [("network", "the common network", "multicast")]
+    assert components(diagnosed(change, plan(robots=4))) == [("network", "the common network", "multicast")]
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ def test_loss_at_one_computer_is_told_once():
                     update(entry, loss=0.3)
 
     (found,) = diagnosed(change, plan(robots=4)).findings
-    assert found.part[:3] == ("link", TWO, "loss") and found.verdict == WARNING
+    assert found.component[:3] == ("link", TWO, "loss") and found.verdict == WARNING
 
 
 def _masquerading(seen):
@@ -283,8 +283,8 @@ def test_a_refused_port_tells_a_dead_roscore_from_a_hung_one():
         )
 
     found = diagnosed(change)
-    assert ("roscore", TWO, "dead") in parts(found) and not any(
-        part.mode == "hung" for entry in found.findings for part in entry.candidates
+    assert ("roscore", TWO, "dead") in components(found) and not any(
+        component.mode == "hung" for entry in found.findings for component in entry.candidates
     )
 
 
@@ -297,7 +297,7 @@ def test_what_comes_in_elsewhere_follows_from_a_lost_link():
         silent(seen, [TWO], [ONE])
         _udp(True, heard_from=False, other_interfaces=["eth7"])(seen)
 
-    assert parts(diagnosed(change)) == [("link", ONE, "down")]
+    assert components(diagnosed(change)) == [("link", ONE, "down")]
 
 
 def test_a_call_from_another_address_is_closed_and_explained():
@@ -308,4 +308,4 @@ def test_a_call_from_another_address_is_closed_and_explained():
         _master(clock_offset_s=None, clock_error="getCurrentTime failed: the connection was closed")(seen)
 
     found = diagnosed(change)
-    assert parts(found) == [("interface", ONE, "address")] and not found.unexplained
+    assert components(found) == [("interface", ONE, "address")] and not found.unexplained

@@ -103,7 +103,7 @@ def test_with_multicast_routing_inner_masters_hear_the_group_too():
 
 
 @pytest.mark.parametrize("names", [["tibi-nav"], ["router"], list(ROBOTS["dabo"][3]), ["car-visio", "router"]])
-def test_with_limit_any_part_of_the_fleet_is_judged(names):
+def test_with_limit_any_component_of_the_fleet_is_judged(names):
     fleet = fig12()
     findings = judged(fleet, {name: good(fleet, name) for name in names})
     assert not notable(findings)

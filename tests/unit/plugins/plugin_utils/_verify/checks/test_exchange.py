@@ -8,7 +8,7 @@ from collections import Counter
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.exchange import MOST_PARTS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.exchange import MOST_COMPONENTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
     CrossingParameter,
@@ -28,12 +28,12 @@ from fleets import (
     TALKS,
     TWO,
     assert_told,
+    components,
     diagnosed,
     evaluate,
     no_answer,
     notable,
     of,
-    parts,
     plan,
     topic,
     update,
@@ -51,41 +51,41 @@ def _exchange_of(computer, **values):
 def _renamed(seen):
     """The base of the second robot has the name of the first one's, so its registrations are refused on both."""
     for robot, computer in (("kobuki1", ONE), ("kobuki2", TWO)):
-        part = seen[computer].probe.exchange
-        other = part.imports[0]
+        component = seen[computer].probe.exchange
+        other = component.imports[0]
         update(other, topics=[entry for entry in other.topics if "base" not in str(entry.publishers)], services=())
         for entry in other.topics:
             update(entry, subscribers=())
-        for entry in part.topics:
+        for entry in component.topics:
             for kind in ("publishers", "subscribers"):
                 nodes = [node.replace(f"/{robot}/base", "/base") for node in getattr(entry, kind)]
                 update(entry, **{kind: nodes})
-        for entry in part.services:
+        for entry in component.services:
             update(entry, node=entry.node.replace(f"/{robot}/base", "/base"))
 
 
 def _same_service(seen):
     """Both have the service /reset, and neither is registered at the other."""
     for computer in (ONE, TWO):
-        part = seen[computer].probe.exchange
-        update(part.services[0], name="/reset")
-        update(part.imports[0], services=())
+        component = seen[computer].probe.exchange
+        update(component.services[0], name="/reset")
+        update(component.imports[0], services=())
 
 
 def _other_type(kind="std_msgs/Header", md5sum="4d9af5aeee4e9d8e2d1d0c0e6c6a7ee3"):
     def change(seen):
         for computer in (ONE, TWO):
-            part = seen[computer].probe.exchange
-            update(part.imports[0], topics=without(part.imports[0].topics, "/chatter"))
-            update(part, connections=())
+            component = seen[computer].probe.exchange
+            update(component.imports[0], topics=without(component.imports[0].topics, "/chatter"))
+            update(component, connections=())
         update(of(seen[TWO].probe.exchange.topics, "/chatter"), type=kind, md5sum=md5sum)
 
     return change
 
 
 def _not_registered(seen):
-    part = seen[ONE].probe.exchange.imports[0]
-    update(part, topics=without(part.topics, "/kobuki2/odom"))
+    component = seen[ONE].probe.exchange.imports[0]
+    update(component, topics=without(component.topics, "/kobuki2/odom"))
 
 
 def _not_followed(seen):
@@ -102,23 +102,23 @@ def _refused(seen):
 
 
 def _against_the_plan(seen):
-    part = seen[ONE].probe.exchange.imports[0]
-    update(part, topics=[*part.topics, topic("/rosout", "rosgraph_msgs/Log", ["/kobuki2/base"])])
+    component = seen[ONE].probe.exchange.imports[0]
+    update(component, topics=[*component.topics, topic("/rosout", "rosgraph_msgs/Log", ["/kobuki2/base"])])
 
 
 def _too_many(seen):
-    part = seen[ONE].probe.exchange.imports[0]
+    component = seen[ONE].probe.exchange.imports[0]
     flood = [topic(f"/flood/{number}", "std_msgs/String", ["/kobuki2/base"]) for number in range(5000)]
-    update(part, topics=[*without(part.topics, "/kobuki2/odom"), *flood])
+    update(component, topics=[*without(component.topics, "/kobuki2/odom"), *flood])
     own = seen[TWO].probe.exchange
     update(own, topics=[*own.topics, *flood])
 
 
 def _stranger_of_a_node(seen):
     """A connection on a topic that is exchanged with nobody."""
-    part = seen[ONE].probe.exchange
+    component = seen[ONE].probe.exchange
     stranger = NodeConnection("/rosout", "/rosout", "in", "http://kobuki2computer:1234/", TWO, "kobuki2")
-    update(part, connections=[*part.connections, stranger])
+    update(component, connections=[*component.connections, stranger])
 
 
 def _announces(host, process=True, computer=TWO):
@@ -178,12 +178,12 @@ def test_where_large_packets_are_lost_no_sync_node_is_at_fault():
         for one, other in ((ONE, TWO), (TWO, ONE)):
             update(of(seen[one].probe.members, other), ping_large=no_answer())
 
-    assert parts(diagnosed(change)) == [("network", "the common network", "large")]
+    assert components(diagnosed(change)) == [("network", "the common network", "large")]
 
 
 def test_a_registration_missing_alone_may_be_left_out_by_a_side():
     (found,) = diagnosed(_not_registered).findings
-    assert ("sync", ONE) in {part[:2] for part in found.candidates}
+    assert ("sync", ONE) in {component[:2] for component in found.candidates}
 
 
 # kobuki1 gives its odometry to kobuki2, which gives /chatter to kobuki3; nothing else flows.
@@ -203,13 +203,13 @@ def test_a_declared_flow_and_nothing_else_is_expected():
 
 def _leak(seen):
     """kobuki3 has the odometry of kobuki1, and a connection with it, though nothing flows there."""
-    part = seen[THREE].probe.exchange
+    component = seen[THREE].probe.exchange
     odometry = topic("/kobuki1/odom", "nav_msgs/Odometry", ["/kobuki1/base"])
     link = NodeConnection("/kobuki3/base", "/kobuki1/odom", "in", "/kobuki1/base", ONE, "kobuki1")
     update(
-        part,
-        imports=[*part.imports, Import("http://kobuki1computer:11311/", (odometry,))],
-        connections=[*part.connections, link],
+        component,
+        imports=[*component.imports, Import("http://kobuki1computer:11311/", (odometry,))],
+        connections=[*component.connections, link],
     )
 
 
@@ -274,8 +274,8 @@ def _find_shared(change, fleet=None):
 @pytest.mark.parametrize("name", ["/tf", "/cmd_vel", "/odom", "/map", "/clock", "/anything"])
 def test_a_topic_of_two_robots_names_both(name):
     found = diagnosed(_publish(name, "kobuki1", "kobuki2")).findings
-    (shared,) = [entry for entry in found if entry.part.kind == "topic"]
-    assert shared.part == ("topic", "kobuki1", "shared", name, "kobuki2") and shared.sure == "seen"
+    (shared,) = [entry for entry in found if entry.component.kind == "topic"]
+    assert shared.component == ("topic", "kobuki1", "shared", name, "kobuki2") and shared.sure == "seen"
     assert {row.verdict for row in shared.proof} == {WARNING}
 
 
@@ -335,7 +335,7 @@ def test_two_bridges_with_one_topic_are_a_circle(nodes, circle):
         for robot, node in zip(BOTH, nodes, strict=True):
             _publish("/pose", robot, node=node)(seen)
 
-    found = {entry.part for entry in diagnosed(change).findings if entry.part.mode == "circle"}
+    found = {entry.component for entry in diagnosed(change).findings if entry.component.mode == "circle"}
     assert found == ({("topic", "kobuki1", "circle", "/pose", "kobuki2")} if circle else set())
 
 
@@ -383,17 +383,17 @@ def test_thousands_of_common_names_are_told_in_seconds():
 
     def change(seen):
         for computer in (ONE, TWO):
-            part = seen[computer].probe.exchange
+            component = seen[computer].probe.exchange
             common = [RegisteredService(f"/common/{number}", f"/node/{number}") for number in range(3000)]
             kinds = [topic(f"/kind/{number}", f"x/{computer}", ["/node/0"]) for number in range(3000)]
-            update(part, services=[*part.services, *common], topics=[*part.topics, *kinds])
+            update(component, services=[*component.services, *common], topics=[*component.topics, *kinds])
 
     began = time.process_time()
     found = diagnosed(change)
     assert time.process_time() - began < 5.0
-    named = [part for entry in found.findings for part in (entry.part, *entry.also)]
-    kinds = Counter((part.kind, part.mode) for part in named)
-    assert kinds["registration", "twin"] == kinds["messages", "differ"] == MOST_PARTS
+    named = [component for entry in found.findings for component in (entry.component, *entry.also)]
+    kinds = Counter((component.kind, component.mode) for component in named)
+    assert kinds["registration", "twin"] == kinds["messages", "differ"] == MOST_COMPONENTS
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "10.9.8.7", "laptop7"])
@@ -412,7 +412,7 @@ def _silent(node="/kobuki2/base", outcome=Outcome.NO_ANSWER, tcp_outcome=Outcome
 
 
 @pytest.mark.parametrize(
-    ("change", "part"),
+    ("change", "component"),
     [
         (_silent(), ("node", TWO, "hung")),
         (_silent(host="192.168.1.2"), ("node", TWO, "hung")),
@@ -420,15 +420,15 @@ def _silent(node="/kobuki2/base", outcome=Outcome.NO_ANSWER, tcp_outcome=Outcome
         (_silent("/master_sync"), ("sync", TWO, "hung")),
     ],
 )
-def test_a_node_that_does_not_answer_is_told_by_what_its_port_does(change, part):
+def test_a_node_that_does_not_answer_is_told_by_what_its_port_does(change, component):
     (finding,) = diagnosed(change).findings
-    assert finding.part[:3] == part and finding.verdict == WARNING
+    assert finding.component[:3] == component and finding.verdict == WARNING
 
 
 def test_a_process_with_a_roscore_of_no_robot_is_told():
     process = NodeHost(TWO, "ROS_HOSTNAME", "odom.service", (4, 5), "odom", "http://old-pc:11311/", "unit")
     (finding,) = diagnosed(lambda seen: update(seen[TWO].probe, node_hosts=[process])).findings
-    assert finding.part[:3] == ("node", TWO, "master") and finding.verdict == WARNING
+    assert finding.component[:3] == ("node", TWO, "master") and finding.verdict == WARNING
     assert mentions(finding.sentence(), "roscore", "http://old-pc:11311/", "ROS_MASTER_URI", "odom.service")
     (command,) = [one.text for one in finding.do]
     assert "systemctl restart odom.service" in command and "UnsetEnvironment" not in command
@@ -445,7 +445,7 @@ def test_a_node_at_the_roscore_of_another_robot_is_a_warning():
         update(own, announced=[AnnouncedHost("/rviz", TWO, 41233)], topics=[*own.topics, new])
 
     (finding,) = diagnosed(change).findings
-    assert finding.part[:3] == ("node", TWO, "robot") and finding.verdict == WARNING
+    assert finding.component[:3] == ("node", TWO, "robot") and finding.verdict == WARNING
 
 
 def _unreached(*nodes, outcome=Outcome.NO_ANSWER):
@@ -455,7 +455,7 @@ def _unreached(*nodes, outcome=Outcome.NO_ANSWER):
 
 def test_a_node_behind_a_filter_of_its_own_is_named_with_its_computer():
     told = diagnosed(_unreached("/odom_pub", "/lidar"))
-    assert parts(told) == [("node", TWO, "fenced")]
+    assert components(told) == [("node", TWO, "fenced")]
     assert "/odom_pub" in told.findings[0].sentence() and "/lidar" in told.findings[0].sentence()
 
 
@@ -469,4 +469,4 @@ def test_a_node_that_does_not_answer_at_home_either_is_told_there():
         silent = (SilentNode("/odom_pub", TWO, "timed out", Outcome.NO_ANSWER, Outcome.OPEN),)
         update(seen[TWO].probe.exchange, silent=("/odom_pub",), silences=silent)
 
-    assert parts(diagnosed(change)) == [("node", TWO, "hung")]
+    assert components(diagnosed(change)) == [("node", TWO, "hung")]

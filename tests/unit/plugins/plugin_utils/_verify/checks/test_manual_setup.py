@@ -6,8 +6,8 @@
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import CONTROLLER
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FOLLOWS
-from fleets import ONE, ROBOTS, diagnosed, evaluate, fig12, notable, parts, update
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FOLLOWS
+from fleets import ONE, ROBOTS, components, diagnosed, evaluate, fig12, notable, update
 
 HELD = (
     f"{ONE}: TCP port 11311 is held by rosmaster (pid 812, user robot), where the plan has multimaster-roscore.service."
@@ -36,7 +36,7 @@ def test_nodes_started_by_hand_are_named_before_site_yml():
     for check in OURS:
         assert found[check, ONE, ONE].found == "the collection has not set this computer up"
     told = diagnosed(_found(set_up=False, runs=(HELD,)))
-    assert parts(told) == [("set_up", ONE, "others")]
+    assert components(told) == [("set_up", ONE, "others")]
     assert told.findings[0].do[-1].where == CONTROLLER
 
 
@@ -44,7 +44,7 @@ def test_a_new_idle_computer_is_one_finding():
     found = notable(evaluate(_found(set_up=False)))
     assert found["services", ONE, ONE].verdict == found["set_up", ONE, ONE].verdict == FAILED
     told = diagnosed(_found(set_up=False))
-    assert parts(told) == [("set_up", ONE, "never")] and [one.where for one in told.findings[0].do] == [CONTROLLER]
+    assert components(told) == [("set_up", ONE, "never")] and [one.where for one in told.findings[0].do] == [CONTROLLER]
 
 
 def test_a_computer_of_the_collection_is_judged_at_any_ports():
@@ -61,7 +61,7 @@ def test_what_site_yml_would_refuse_is_a_warning():
     assert [(finding.check, finding.verdict, finding.found) for finding in found.values()] == [
         ("as_planned", WARNING, "systemd does not run it.")
     ]
-    assert parts(diagnosed(change)) == [("set_up", ONE, "refused")]
+    assert components(diagnosed(change)) == [("set_up", ONE, "refused")]
 
 
 def test_a_second_computer_is_of_the_robot_of_its_master():
@@ -85,7 +85,7 @@ def test_a_second_computer_is_of_the_robot_of_its_master():
 def test_an_interface_in_the_network_of_another_robot_is_a_warning_of_its_own():
     what = "br0 has 192.168.10.1/24, in the network of dabo (192.168.10.0/24)"
     told = diagnosed(lambda seen: update(seen[ONE], found=MachineState(overlaps=(what,))))
-    assert parts(told) == [("interface", ONE, "overlap")]
+    assert components(told) == [("interface", ONE, "overlap")]
     assert what in told.findings[0].sentence() and "daemon.json" in told.findings[0].do[0].text
 
 

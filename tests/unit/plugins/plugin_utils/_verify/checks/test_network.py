@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, WARNING
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.ways import Ways
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Claim,
@@ -22,6 +22,7 @@ from fleets import (
     ONE,
     TWO,
     assert_told,
+    components,
     diagnosed,
     evaluate,
     fig12,
@@ -32,7 +33,6 @@ from fleets import (
     notable,
     of,
     outside,
-    parts,
     plan,
     second_default_route,
     silent,
@@ -46,8 +46,8 @@ def _name(addresses, error=""):
     return lambda seen: update(of(seen[ONE].probe.members, TWO), addresses=addresses, resolve_error=error)
 
 
-def _member(part, **values):
-    return lambda seen: update(getattr(of(seen[ONE].probe.members, TWO), part), **values)
+def _member(component, **values):
+    return lambda seen: update(getattr(of(seen[ONE].probe.members, TWO), component), **values)
 
 
 def _closed(seen):
@@ -65,12 +65,12 @@ def _loses(seen):
 
 def test_a_file_for_root_alone_is_named_once_for_all_names():
     (found,) = diagnosed(_closed).findings
-    assert found.part[:3] == ("names", ONE, "rights") and "root alone" in found.sentence()
+    assert found.component[:3] == ("names", ONE, "rights") and "root alone" in found.sentence()
 
 
 def test_lost_pings_are_a_loss():
     (found,) = diagnosed(_loses).findings
-    assert found.verdict == WARNING and {part.mode for part in found.candidates} == {"loss"}
+    assert found.verdict == WARNING and {component.mode for component in found.candidates} == {"loss"}
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_a_refused_connection_shows_a_computer_without_pings(tcp, expected):
         update(seen[INNER_TIBI[-1]], unreachable=True, probe=None, multicast=None)
 
     found = diagnosed(change, fig12())
-    kinds = {(part.kind, part.mode.split()[0]) for entry in found.findings for part in entry.candidates}
+    kinds = {(component.kind, component.mode.split()[0]) for entry in found.findings for component in entry.candidates}
     assert expected in kinds and (("computer", "off") in kinds) == (tcp != Outcome.REFUSED), found.findings
 
 
@@ -250,7 +250,7 @@ def test_who_answers_for_the_own_address(macs, twice):
     def change(seen):
         update(seen[ONE].probe, claims=(Claim("192.168.1.1", "eth0", macs),))
 
-    assert parts(diagnosed(change)) == ([("interface", ONE, "duplicate")] if twice else [])
+    assert components(diagnosed(change)) == ([("interface", ONE, "duplicate")] if twice else [])
 
 
 def test_an_interface_without_an_address_is_no_other_computer():
@@ -275,7 +275,7 @@ def test_of_a_computer_that_nobody_looked_at_two_have_to_answer(macs, twice):
         seen[TWO] = Observation(problem="it was not looked at")
         update(seen[ONE].probe, claims=(Claim("192.168.1.2", "eth0", macs),))
 
-    assert (("interface", TWO, "duplicate") in parts(diagnosed(change, fleet))) == twice
+    assert (("interface", TWO, "duplicate") in components(diagnosed(change, fleet))) == twice
 
 
 @pytest.mark.parametrize("silence", [False, True])
@@ -293,7 +293,7 @@ def test_a_computer_that_is_off_is_no_gateway_that_drops(silence):
             del seen[name]
 
     first = diagnosed(change, fleet).findings[0]
-    kinds = {(part.kind, part.mode) for part in first.candidates}
+    kinds = {(component.kind, component.mode) for component in first.candidates}
     assert ("forwarding", "off") in kinds and (("link", "down") in kinds) == (not silence)
 
 
@@ -305,7 +305,7 @@ def test_a_route_to_the_other_address_of_a_gateway(hop, mode):
 
     first = diagnosed(change, fig12()).findings[0]
     assert (
-        first.part == Component("route", "tibi-nav", mode, "the common network")
+        first.component == Component("route", "tibi-nav", mode, "the common network")
         and first.proof[0].check == "outer_route"
     )
 
@@ -315,7 +315,7 @@ def test_lost_pings_of_both_sizes_say_nothing_of_the_size():
         for one, other in ((ONE, TWO), (TWO, ONE)):
             update(of(seen[one].probe.members, other), ping_large=no_answer(), loss=0.4)
 
-    assert {part.mode for entry in diagnosed(change).findings for part in entry.candidates} == {"loss"}
+    assert {component.mode for entry in diagnosed(change).findings for component in entry.candidates} == {"loss"}
 
 
 def test_who_answers_some_pings_drops_none():
@@ -323,7 +323,7 @@ def test_who_answers_some_pings_drops_none():
         for one, other in ((ONE, TWO), (TWO, ONE)):
             update(of(seen[one].probe.members, other), ping_address=no_answer(), ping_name=no_answer(), loss=0.8)
 
-    assert {part.mode for entry in diagnosed(change).findings for part in entry.candidates} == {"loss"}
+    assert {component.mode for entry in diagnosed(change).findings for component in entry.candidates} == {"loss"}
 
 
 def test_a_single_ping_that_fails_alone_is_not_explained():
@@ -346,8 +346,8 @@ def test_a_device_of_another_make_is_named_by_its_address():
         silent(seen, [*outside("tibi"), "router"], tibi)
 
     first, *_others = diagnosed(change, fleet).findings
-    assert {part.place for part in first.candidates} == {"192.168.11.101"}
-    assert {part.kind for part in first.candidates} >= {"computer", "forwarding"}
+    assert {component.place for component in first.candidates} == {"192.168.11.101"}
+    assert {component.kind for component in first.candidates} >= {"computer", "forwarding"}
 
 
 WAYS = [
@@ -390,7 +390,7 @@ def test_existing_routes_may_go_by_the_router():
 
 def test_a_route_that_only_the_router_misses_is_told_too():
     found = diagnosed(lost_route, fig12())
-    assert parts(found) == [("route", "tibi-nav", "missing")]
+    assert components(found) == [("route", "tibi-nav", "missing")]
     assert ("ping_address", "router", "tibi-nav") in {row[:3] for row in found.findings[0].rows}
 
 
@@ -401,7 +401,7 @@ def test_a_strange_member_costs_nobody_the_report():
             update(of(members, target).route, error="Network is unreachable")
         update(seen["tibi-nav"].probe, members=(*members, replace(of(members, INNER_CAR[0]), name="stranger")))
 
-    assert parts(diagnosed(change, fig12())) == [("route", "tibi-nav", "missing")]
+    assert components(diagnosed(change, fig12())) == [("route", "tibi-nav", "missing")]
 
 
 @pytest.mark.parametrize(("hop", "mode"), [("192.168.1.254", "missing"), ("192.168.1.77", "other")])
@@ -410,7 +410,7 @@ def test_a_lost_route_is_missing_beside_a_default_route(hop, mode):
         for target in INNER_TIBI:
             update(of(seen["car-visio"].probe.members, target).route, gateway=hop)
 
-    assert parts(diagnosed(change, fig12())) == [("route", "car-visio", mode)]
+    assert components(diagnosed(change, fig12())) == [("route", "car-visio", mode)]
 
 
 def test_a_gateway_without_a_route_looks_in_its_own_networks():
@@ -426,7 +426,7 @@ def test_a_gateway_without_a_route_looks_in_its_own_networks():
                     loss=1.0,
                 )
 
-    assert parts(diagnosed(change, fig12())) == [("route", "car-visio", "missing")]
+    assert components(diagnosed(change, fig12())) == [("route", "car-visio", "missing")]
 
 
 def test_a_neighbour_that_nobody_finds_is_told():
@@ -458,8 +458,8 @@ def test_an_interface_that_saves_power_is_suspected_of_a_loss(saves):
         _loses(seen)
 
     (found,) = diagnosed(both).findings
-    named = {part[:3] for part in (found.part, *found.rivals)}
-    assert (found.part[:3] == ("link", ONE, "power_save")) == (saves is True)
+    named = {component[:3] for component in (found.component, *found.rivals)}
+    assert (found.component[:3] == ("link", ONE, "power_save")) == (saves is True)
     assert (("link", ONE, "power_save") in named) == (saves is True)
     assert found.sure == "inferred"
 
@@ -477,4 +477,4 @@ def test_what_is_lost_now_comes_before_what_was_started_again():
         _large_lost(seen)
         update(of(seen[ONE].probe.services, "roscore"), restarts=3, age_s=100.0)
 
-    assert [kind for kind, *_place in parts(diagnosed(change))] == ["network", "service"]
+    assert [kind for kind, *_place in components(diagnosed(change))] == ["network", "service"]

@@ -26,7 +26,7 @@ def _undone(kind, computer=ONE):
     ("kind", "computer", "fleet"),
     [("unit", ONE, None), ("sysctl", ONE, None), ("names", ONE, None), ("route", "tibi-nav", fig12())],
 )
-def test_each_kind_is_a_part(kind, computer, fleet):
+def test_each_kind_is_a_component(kind, computer, fleet):
     assert_told(_undone(kind, computer), f"next_boot_{kind}", FAILED, "boot", computer, kind, fleet=fleet)
 
 
@@ -63,4 +63,4 @@ def test_modules_that_are_gone_are_a_fault_of_the_next_start(computer, verdict):
     assert rows["next_start", computer, computer].verdict == verdict
     assert rows["next_start", computer, computer].found.startswith("the ROS of /opt/ros")
     (finding,) = diagnosed(change, fleet=fig12()).findings
-    assert (finding.part.kind, finding.part.place) == ("ros", computer)
+    assert (finding.component.kind, finding.component.place) == ("ros", computer)

@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     ParameterDifference,
     RegisteredTopic,
 )
-from fleets import ONE, TWO, assert_told, diagnosed, evaluate, notable, of, parts, update
+from fleets import ONE, TWO, assert_told, components, diagnosed, evaluate, notable, of, update
 
 BOTH = ("master_discovery", "master_sync")
 
@@ -84,7 +84,7 @@ def test_the_one_with_a_foreign_group_is_named():
         _differs("master_discovery", "mcast_group", "239.1.2.3")(seen)
 
     (found,) = diagnosed(apart).findings
-    assert found.part[:3] == ("discovery", ONE, "group") and not found.rivals and len(found.rows) == 2
+    assert found.component[:3] == ("discovery", ONE, "group") and not found.rivals and len(found.rows) == 2
 
 
 def test_of_two_clocks_the_one_that_nothing_keeps_right_is_off():
@@ -94,7 +94,7 @@ def test_of_two_clocks_the_one_that_nothing_keeps_right_is_off():
         update(seen[TWO].probe.clock, synchronised=False)
 
     found = diagnosed(off)
-    assert parts(found) == [("clock", TWO, "off")] and not found.findings[0].rivals
+    assert components(found) == [("clock", TWO, "off")] and not found.findings[0].rivals
 
 
 def test_a_unit_with_many_files_is_told_with_its_command():
@@ -115,7 +115,7 @@ def _simulate(seen, *computers, clock=("/gazebo",)):
 
 def test_simulated_time_on_one_robot_alone_is_one_warning_with_both_names():
     told = diagnosed(lambda seen: _simulate(seen, ONE))
-    assert parts(told) == [("time", ONE, "simulated")]
+    assert components(told) == [("time", ONE, "simulated")]
     sentence = told.findings[0].sentence()
     assert ONE in sentence and "kobuki2" in sentence and "/gazebo" in sentence
 
@@ -126,4 +126,4 @@ def test_where_all_robots_are_simulated_all_is_well():
 
 def test_a_clock_that_nobody_publishes_is_named():
     told = diagnosed(lambda seen: _simulate(seen, ONE, TWO, clock=()))
-    assert {(part[0], part[2]) for part in parts(told)} == {("time", "stopped")}
+    assert {(component[0], component[2]) for component in components(told)} == {("time", "stopped")}

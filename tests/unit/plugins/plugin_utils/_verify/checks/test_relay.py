@@ -49,7 +49,7 @@ def test_what_has_crossed_is_well():
 def test_what_is_not_there_is_one_finding(side, number, lacking):
     changed = {**CROSSED, side: [row for row in CROSSED[side] if row is not CROSSED[side][number]]}
     (finding,) = tell(**changed).findings
-    assert (finding.part.kind, finding.part.mode) == ("relay", "lacking") and lacking in finding.sentence()
+    assert (finding.component.kind, finding.component.mode) == ("relay", "lacking") and lacking in finding.sentence()
 
 
 def test_what_is_published_the_wrong_way_is_not_due():
@@ -90,7 +90,10 @@ def test_the_nodes_of_the_verification_itself_are_left_out():
 
 def test_what_nobody_publishes_is_one_finding():
     (finding,) = tell(robot=CROSSED["robot"][1:], station=CROSSED["station"]).findings
-    assert (finding.part.kind, finding.part.mode) == ("relay", "lacking") and "/kobuki1/scan" in finding.sentence()
+    assert (finding.component.kind, finding.component.mode) == (
+        "relay",
+        "lacking",
+    ) and "/kobuki1/scan" in finding.sentence()
 
 
 def tell_with(change, **crossed):
@@ -126,7 +129,7 @@ def test_a_relay_that_does_not_run_is_the_only_finding(state, mode):
             update(probe.exchange, silent=("/master_relay",), silences=silent)
 
     (finding,) = tell_with(change, **LACKING).findings
-    assert (finding.part.kind, finding.part.place, finding.part.mode) == ("service", ROBOT, mode)
+    assert (finding.component.kind, finding.component.place, finding.component.mode) == ("service", ROBOT, mode)
     assert "cleanup" not in str(finding.do)
 
 
@@ -136,19 +139,23 @@ def test_a_relay_with_other_channels_than_planned_is_named_at_its_computer():
         update(seen[ROBOT].probe, parameters=NodeParameters(("master_relay",), differing))
 
     (finding,) = tell_with(change, **LACKING).findings
-    assert (finding.part.kind, finding.part.place, finding.part.mode) == ("relay", ROBOT, "configuration")
+    assert (finding.component.kind, finding.component.place, finding.component.mode) == (
+        "relay",
+        ROBOT,
+        "configuration",
+    )
     assert {row.check for row in finding.proof} == {"parameters", "relay"}
 
 
 def test_a_topic_with_another_type_on_the_other_side_is_named():
     crossed = {**CROSSED, "robot": [CROSSED["robot"][0], ("/cmd_vel", "geometry_msgs/TwistStamped", "/base")]}
     told = tell(**{**crossed, "robot": [*crossed["robot"], ("/x", DRIVE, "/master_relay")]})
-    found = [one for one in told.findings if one.part.kind == "messages"]
+    found = [one for one in told.findings if one.component.kind == "messages"]
     assert len(found) == 1 and "/kobuki1/cmd_vel" in found[0].sentence() and "TwistStamped" in found[0].sentence()
 
 
 @pytest.mark.parametrize(
-    ("row", "part"),
+    ("row", "component"),
     [
         (
             SeenRelay("kobuki1", outcome=Outcome.ANSWERED, data_port=40811, data_outcome=Outcome.NO_ANSWER),
@@ -160,11 +167,11 @@ def test_a_topic_with_another_type_on_the_other_side_is_named():
         ),
     ],
 )
-def test_a_relay_whose_data_does_not_cross_is_named_also_if_all_is_registered(row, part):
+def test_a_relay_whose_data_does_not_cross_is_named_also_if_all_is_registered(row, component):
     (finding,) = tell_with(lambda seen: update(seen[STATION].probe, relays=(row,)), **CROSSED).findings
-    assert (finding.part.kind, finding.part.mode, finding.part.place) == (*part, ROBOT)
+    assert (finding.component.kind, finding.component.mode, finding.component.place) == (*component, ROBOT)
     (finding,) = tell_with(lambda seen: update(seen[STATION].probe, relays=(row,)), **LACKING).findings
-    assert (finding.part.kind, finding.part.mode, finding.part.place) == (*part, ROBOT)
+    assert (finding.component.kind, finding.component.mode, finding.component.place) == (*component, ROBOT)
 
 
 def test_a_relay_that_is_reached_is_well():

@@ -22,13 +22,13 @@ from fleets import (
     ONE,
     TWO,
     assert_told,
+    components,
     diagnosed,
     evaluate,
     fig12,
     notable,
     observed,
     of,
-    parts,
     plan,
     unheard,
     update,
@@ -126,7 +126,7 @@ def test_a_topic_that_the_filters_leave_out_is_no_failure(filters, left_out):
     fleet = plan(multimaster_filters=filters)
     found = notable(evaluate(_topic(heard=False, publishers=(), error="not registered"), fleet))
     assert found["topic_heard", ONE, TWO].verdict == (UNKNOWN if left_out else FAILED)
-    told = parts(diagnosed(_topic(heard=False, publishers=(), error="not registered"), fleet))
+    told = components(diagnosed(_topic(heard=False, publishers=(), error="not registered"), fleet))
     assert (told == [("declaration", "kobuki1", "narrow")]) == left_out
 
 
@@ -167,5 +167,5 @@ def test_a_link_slower_than_expected_is_a_warning_with_its_place(robots, ways, m
     assert {(row.check, row.verdict) for row in rows} == {("throughput", WARNING)}
     assert len(rows) == (robots - 1) * (2 if ways == "both" else 1)
     (found,) = explain_rows(checked, rows).findings
-    assert found.part[:3] == ("link", ONE, mode) and found.verdict == WARNING
-    assert [part[:3] for part in found.rivals] == ([("link", TWO, "slow in")] if robots == 2 else [])
+    assert found.component[:3] == ("link", ONE, mode) and found.verdict == WARNING
+    assert [component[:3] for component in found.rivals] == ([("link", TWO, "slow in")] if robots == 2 else [])

@@ -6,7 +6,7 @@
 from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.actual_world import ActualWorld
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.check_context import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import PolicyRouting
@@ -19,7 +19,7 @@ GATE, INNER, OTHER, OUTER, NEAR = "tibi-visio", "tibi-nav", "car-nav", "car-visi
 TIBI, COMMON = "the network of tibi", "the common network"
 
 
-def see(*parts, interface=None, policy=None, computer=GATE):
+def see(*components, interface=None, policy=None, computer=GATE):
     """The world of good observations with these faults, and with changes of an interface or of the policy of a computer."""
     fleet = fig12()
     seen = observed(fleet)
@@ -31,7 +31,7 @@ def see(*parts, interface=None, policy=None, computer=GATE):
         update(probe.forwarding, interfaces=entries)
     if policy:
         update(probe, policy=policy)
-    return ActualWorld(FleetState(fleet, seen, 0.0), parts)
+    return ActualWorld(FleetState(fleet, seen, 0.0), components)
 
 
 CASES = [
@@ -60,11 +60,11 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("part", "read", "lost", "whole"), CASES, ids=lambda value: str(value)[:40])
-def test_packets_end_at_a_known_fault_alone(part, read, lost, whole):
-    world = see(part, **read)
-    assert world.find_fault(*lost, "icmp") == part
-    assert world.find_fault(*lost, "rpc") == part
+@pytest.mark.parametrize(("component", "read", "lost", "whole"), CASES, ids=lambda value: str(value)[:40])
+def test_packets_end_at_a_known_fault_alone(component, read, lost, whole):
+    world = see(component, **read)
+    assert world.find_fault(*lost, "icmp") == component
+    assert world.find_fault(*lost, "rpc") == component
     assert world.find_fault(*whole, "icmp") is None
 
 
@@ -107,9 +107,12 @@ TEXT = st.text(st.characters(codec="utf-8"), max_size=12) | st.sampled_from(
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(TEXT, TEXT), st.tuples(st.integers(-1, 300), st.integers(-1, 300)), TEXT, TEXT)
 def test_texts_of_a_computer_never_stop_the_diagnosis(addresses, prefixes, words, line):
-    part = Component("route", GATE, "closed", words)
+    component = Component("route", GATE, "closed", words)
     values = {"addresses": addresses, "prefixes": prefixes, "interface": words}
     world = see(
-        part, Component("computer", words, "off"), interface=(1, values), policy=PolicyRouting((f"1: {line}",), (line,))
+        component,
+        Component("computer", words, "off"),
+        interface=(1, values),
+        policy=PolicyRouting((f"1: {line}",), (line,)),
     )
-    assert world.find_fault(OTHER, INNER, "icmp") in (None, part)
+    assert world.find_fault(OTHER, INNER, "icmp") in (None, component)

@@ -4,14 +4,14 @@
 """The suspects that an error leaves: each errno and each ICMP error, by whom it was reported."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FAULTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.check_context import (
     CheckContext,
     FleetState,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.errors import OWN, find_parts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.errors import OWN, find_components
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from fleets import diagnosed, fig12, no_answer, observed, of, parts, update
+from fleets import components, diagnosed, fig12, no_answer, observed, of, update
 
 ONE, OTHER, GATEWAY = "car-nav", "tibi-nav", "tibi-visio"
 ITS_NETWORK = "the network of tibi"
@@ -24,11 +24,11 @@ def find(outcome, traffic="rpc", ping=None, one=ONE, other=OTHER):
     if ping is not None:
         update(of(seen[one].probe.members, other), ping_address=ping)
     state = FleetState(fleet, seen)
-    return find_parts(CheckContext(state, state.run[one], other), outcome, traffic)
+    return find_components(CheckContext(state, state.run[one], other), outcome, traffic)
 
 
 def places(found):
-    return {place for part in found for place in part.places}
+    return {place for component in found for place in component.places}
 
 
 @pytest.mark.parametrize(
@@ -44,10 +44,10 @@ def places(found):
 )
 def test_an_errno_of_the_sender_speaks_of_the_sender(outcome, kinds):
     found = find(outcome)
-    assert places(found) == {ONE} and {(part.kind, part.mode) for part in found} == kinds
+    assert places(found) == {ONE} and {(component.kind, component.mode) for component in found} == kinds
 
 
-def test_each_row_is_a_part_of_the_table():
+def test_each_row_is_a_component_of_the_table():
     for traffic in ("icmp", "udp", "group", "rpc", "roscore", "nodes"):
         assert {(kind, mode.format(traffic)) for rows in OWN.values() for kind, mode, _what in rows} <= FAULTS.keys()
 
@@ -68,21 +68,28 @@ def test_a_silent_neighbour_is_told_from_that_of_a_gateway():
 
 def test_no_route_is_told_from_no_route_of_a_gateway():
     own = find(Outcome.NETWORK_UNREACHABLE, ping=no_answer("x", Outcome.NETWORK_UNREACHABLE))
-    assert places(own) == {ONE} and ("route", "missing") in {(part.kind, part.mode) for part in own}
+    assert places(own) == {ONE} and ("route", "missing") in {(component.kind, component.mode) for component in own}
     ping = no_answer("x", Outcome.NETWORK_UNREACHABLE, "192.168.1.201")
-    (part,) = find(Outcome.NETWORK_UNREACHABLE, ping=ping)
-    assert (part.kind, part.place, part.mode, part.what) == ("route", GATEWAY, "missing", ITS_NETWORK)
+    (component,) = find(Outcome.NETWORK_UNREACHABLE, ping=ping)
+    assert (component.kind, component.place, component.mode, component.what) == (
+        "route",
+        GATEWAY,
+        "missing",
+        ITS_NETWORK,
+    )
 
 
 def test_an_error_of_one_kind_of_packet_is_of_a_filter():
     """Pings are answered, and a connection is not: firewalld reports "host unreachable", too."""
     found = find(Outcome.HOST_UNREACHABLE)
-    assert {part.kind for part in found} == {"filter"} and {ONE, OTHER, GATEWAY} <= places(found)
+    assert {component.kind for component in found} == {"filter"} and {ONE, OTHER, GATEWAY} <= places(found)
 
 
 @pytest.mark.parametrize(("traffic", "kind"), [("rpc", "discovery"), ("roscore", "roscore")])
 def test_a_refusal_is_of_a_listener_or_of_a_filter(traffic, kind):
-    found = {(part.kind, part.mode) for part in find(Outcome.REFUSED, traffic, one="tibi-nav", other=GATEWAY)}
+    found = {
+        (component.kind, component.mode) for component in find(Outcome.REFUSED, traffic, one="tibi-nav", other=GATEWAY)
+    }
     assert {(kind, "dead"), ("filter", f"{traffic} in"), ("interface", "duplicate")} <= found
     assert ("link", "down") not in found
 
@@ -90,18 +97,18 @@ def test_a_refusal_is_of_a_listener_or_of_a_filter(traffic, kind):
 def test_a_prohibition_explains_a_host_that_is_unreachable():
     """TCP has no errno of its own for it."""
     found = find(Outcome.HOST_UNREACHABLE, ping=no_answer("x", Outcome.PROHIBITED, "192.168.1.201"))
-    assert {part.kind for part in found} == {"filter"}
+    assert {component.kind for component in found} == {"filter"}
 
 
 def test_a_connection_that_ends_is_of_a_program_or_a_filter():
-    found = {(part.kind, part.mode) for part in find(Outcome.RESET)}
+    found = {(component.kind, component.mode) for component in find(Outcome.RESET)}
     assert {("discovery", "hung"), ("filter", "rpc in")} <= found and ("link", "down") not in found
 
 
 def test_a_refusal_of_oneself_is_of_a_listener():
-    assert [(part.kind, part.mode) for part in find(Outcome.REFUSED, "roscore", one=GATEWAY, other=GATEWAY)] == [
-        ("roscore", "dead")
-    ]
+    assert [
+        (component.kind, component.mode) for component in find(Outcome.REFUSED, "roscore", one=GATEWAY, other=GATEWAY)
+    ] == [("roscore", "dead")]
 
 
 def test_an_unknown_reporter_leaves_all_suspects():
@@ -116,4 +123,4 @@ def test_a_packet_filter_of_the_sender_is_the_finding():
                 lost = no_answer("Operation not permitted", Outcome.NOT_PERMITTED)
                 update(member, ping_address=lost, ping_name=lost, ping_large=None, loss=1.0)
 
-    assert parts(diagnosed(change, fig12()))[0][:2] == ("filter", ONE)
+    assert components(diagnosed(change, fig12()))[0][:2] == ("filter", ONE)

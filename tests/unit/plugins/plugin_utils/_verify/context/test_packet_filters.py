@@ -6,14 +6,17 @@
 from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FOLLOWS, Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import (
+    FOLLOWS,
+    Component,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.packet_filters import ReadFilters
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     FilterChain,
     FilterChains,
     FilterRule,
 )
-from fleets import diagnose, fig12, no_answer, observed, parts, update
+from fleets import components, diagnose, fig12, no_answer, observed, update
 
 GATE, INNER, OTHER = "tibi-visio", "tibi-nav", "car-nav"  # a gateway, a computer behind it, and one of another robot
 NODES = (32768, 60999)
@@ -190,14 +193,14 @@ def test_a_gateway_that_lets_in_only_answers_is_one_finding():
                 if heard.computer == INNER:
                     update(heard, heard=False, error="timed out")
     found = diagnose(fleet, seen)
-    assert parts(found) == [("filter", GATE, "forward")] and not found.unexplained
+    assert components(found) == [("filter", GATE, "forward")] and not found.unexplained
 
 
 def test_nothing_follows_from_itself():
-    for part in FOLLOWS:
-        seen, rest = set(), [part]
+    for component in FOLLOWS:
+        seen, rest = set(), [component]
         while rest:
             reasons = FOLLOWS.get(rest.pop(), ())
-            assert part not in reasons
+            assert component not in reasons
             rest += [reason for reason in reasons if reason not in seen]
             seen.update(reasons)

@@ -78,7 +78,7 @@ def test_a_fault_in_a_sampled_fleet_is_named():
     assert some < everything / 4
     assert f"{some} of {everything} pairs were tried" in terminal.render(summary, diagnosis.Diagnosis())
     found = diagnosis.explain_rows(verification, summary.notable)
-    assert ("filter", victim) in {(entry.part.kind, entry.part.place) for entry in found.findings}, found
+    assert ("filter", victim) in {(entry.component.kind, entry.component.place) for entry in found.findings}, found
 
 
 @pytest.mark.slow

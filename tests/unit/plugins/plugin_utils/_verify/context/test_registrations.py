@@ -49,7 +49,7 @@ def plan(robots="abc", exports=None, diagnostics="local", **filters):
     )
 
 
-def part(topics=(), services=()):
+def component(topics=(), services=()):
     """Registrations out of (topic, (type, sum), publishers, subscribers) and (service, node)."""
     return Exchange(
         topics=tuple(
@@ -201,35 +201,38 @@ def test_filters_hold_beside_a_declaration():
 # What robots have
 
 
-A = part([("/chat", STRING, "/talker", "/ear"), ("/odom", STRING, "/base", "")], [("/reset", "/base")])
-B = part([("/pose", STRING, "/pose", "")])
+A = component([("/chat", STRING, "/talker", "/ear"), ("/odom", STRING, "/base", "")], [("/reset", "/base")])
+B = component([("/pose", STRING, "/pose", "")])
 
 
 def test_what_is_missing_and_what_is_there_against_the_plan():
     fleet = plan("ab", exports={"a": [{"topics": ["/chat"], "services": ["/reset"]}]})
-    good = part([("/chat", STRING, "/talker", "")], [("/reset", "/base")])
+    good = component([("/chat", STRING, "/talker", "")], [("/reset", "/base")])
     found = Exchanges(fleet, {"a": holds(A), "b": holds(B, a=good)})
     assert found.find_missing("a", "b") == found.superfluous("a", "b") == []
     assert texts(found.find_missing("b", "a")) == ["the publisher /pose of /pose"]
     found = Exchanges(
-        fleet, {"a": holds(A), "b": holds(B, a=part([("/odom", STRING, "/base", ""), ("/chat", STRING, "", "/ear")]))}
+        fleet,
+        {"a": holds(A), "b": holds(B, a=component([("/odom", STRING, "/base", ""), ("/chat", STRING, "", "/ear")]))},
     )
     assert texts(found.find_missing("a", "b")) == ["the publisher /chat of /talker", "the service /reset"]
     assert texts(found.superfluous("a", "b")) == ["the publisher /odom of /base", "the subscriber /chat of /ear"]
 
 
 def test_publishers_without_a_type_and_our_own_are_not_missed():
-    own = part([("/x", ("*", ""), "/n", ""), ("/multimaster_verify/a1", STRING, "/multimaster_verify_talker_a1", "")])
+    own = component(
+        [("/x", ("*", ""), "/n", ""), ("/multimaster_verify/a1", STRING, "/multimaster_verify_talker_a1", "")]
+    )
     assert Exchanges(plan("ab"), {"a": holds(own), "b": holds(B)}).find_missing("a", "b") == []
 
 
 def test_of_a_robot_that_was_not_looked_at_nothing_is_missed():
-    found = Exchanges(plan("ab", exports={"a": []}), {"b": holds(B, a=part([("/odom", STRING, "/base", "")]))})
+    found = Exchanges(plan("ab", exports={"a": []}), {"b": holds(B, a=component([("/odom", STRING, "/base", "")]))})
     assert found.find_missing("a", "b") == [] and texts(found.superfluous("a", "b")) == ["the publisher /odom of /base"]
 
 
 def test_a_name_that_two_robots_have():
-    same = part([("/other", STRING, "/talker", "")], [("/reset", "/calibration")])
+    same = component([("/other", STRING, "/talker", "")], [("/reset", "/calibration")])
     found = Exchanges(plan("ab"), {"a": holds(A), "b": holds(same)})
     clashes = [("node", "/talker", ("a", "b")), ("service", "/reset", ("a", "b"))]
     assert [tuple(clash) for clash in found.clashes("a", "b")] == clashes
@@ -238,21 +241,21 @@ def test_a_name_that_two_robots_have():
 
 
 def test_a_node_that_is_twice_is_told_without_its_services():
-    found = Exchanges(plan("ab"), {"a": holds(A), "b": holds(part([], [("/reset", "/base")]))})
+    found = Exchanges(plan("ab"), {"a": holds(A), "b": holds(component([], [("/reset", "/base")]))})
     assert [clash.name for clash in found.clashes("a", "b")] == ["/base"]
 
 
 def test_a_name_counts_only_where_it_passes():
-    same = part([("/other", STRING, "/talker", "")])
+    same = component([("/other", STRING, "/talker", "")])
     fleet = plan("ab", exports={"a": [{"topics": ["/odom"]}], "b": []})
     found = Exchanges(fleet, {"a": holds(A), "b": holds(same)})
     assert found.clashes("a", "b") == found.clashes("b", "a") == []
-    rosout = part([("/rosout_agg", STRING, "/rosout", "")])
+    rosout = component([("/rosout_agg", STRING, "/rosout", "")])
     assert Exchanges(plan("ab"), {"a": holds(rosout), "b": holds(rosout)}).clashes("a", "b") == []
 
 
 def test_two_robots_that_give_a_third_one_name():
-    seen = {"a": holds(A), "b": holds(B), "c": holds(part([("/other", STRING, "/talker", "")]))}
+    seen = {"a": holds(A), "b": holds(B), "c": holds(component([("/other", STRING, "/talker", "")]))}
     fleet = plan(
         exports={"a": [{"topics": ["/chat"], "to": ["b"]}], "b": [], "c": [{"topics": ["/other"], "to": ["b"]}]}
     )
@@ -262,7 +265,7 @@ def test_two_robots_that_give_a_third_one_name():
 
 
 def test_a_topic_that_is_something_else_on_two_robots():
-    other = part([("/chat", IMAGE, "/camera", ""), ("/odom", ("std_msgs/String", "1234"), "", "/screen")])
+    other = component([("/chat", IMAGE, "/camera", ""), ("/odom", ("std_msgs/String", "1234"), "", "/screen")])
     found = Exchanges(plan("ab"), {"a": holds(A), "b": holds(other)})
     assert [(conflict.topic, conflict.one, conflict.other) for conflict in found.conflicts("a", "b")] == [
         ("/chat", ("a", *STRING), ("b", *IMAGE)),
@@ -273,12 +276,12 @@ def test_a_topic_that_is_something_else_on_two_robots():
 
 @pytest.mark.parametrize("other", [("*", ""), ("std_msgs/String", ""), STRING])
 def test_an_unknown_type_or_sum_is_no_conflict(other):
-    seen = {"a": holds(A), "b": holds(part([("/chat", other, "", "/ear2")]))}
+    seen = {"a": holds(A), "b": holds(component([("/chat", other, "", "/ear2")]))}
     assert Exchanges(plan("ab"), seen).conflicts("a", "b") == []
 
 
 def test_a_conflict_counts_only_where_the_topic_passes():
-    seen = {"a": holds(A), "b": holds(part([("/chat", IMAGE, "/camera", "")]))}
+    seen = {"a": holds(A), "b": holds(component([("/chat", IMAGE, "/camera", "")]))}
     assert Exchanges(plan("ab", exports={"a": [{"topics": ["/odom"]}], "b": []}), seen).conflicts("a", "b") == []
 
 
@@ -299,7 +302,7 @@ def test_connections_that_nothing_explains():
 
 def test_subscribers_of_a_hidden_nodes_topic_are_exchanged():
     """Somebody echoes /diagnostics: the subscriber passes, and hears the discovery node of the other robot, too."""
-    seen = {"a": holds(part([("/diagnostics", STRING, "/master_discovery", "/echo")])), "b": holds(B)}
+    seen = {"a": holds(component([("/diagnostics", STRING, "/master_discovery", "/echo")])), "b": holds(B)}
     hears = link("in", "/diagnostics", "/echo", "/master_discovery", "b")
     heard = link("out", "/diagnostics", "/master_discovery", "/echo", "b")
     restricted = plan(exports={"a": [{"topics": ["/chat"]}], "b": []})

@@ -15,7 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SilentNode,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from fleets import diagnosed, drop_import, fig12, of, parts, update, without
+from fleets import components, diagnosed, drop_import, fig12, of, update, without
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -148,7 +148,7 @@ FIRST = [
 @pytest.mark.parametrize(("change", "kind", "place", "mode"), FIRST)
 def test_who_lacks_the_call_first_is_the_finding(change, kind, place, mode):
     found = diagnosed(change, FLEET)
-    assert parts(found) == [(kind, place, mode)] and not found.unexplained, found
+    assert components(found) == [(kind, place, mode)] and not found.unexplained, found
     assert found.findings[0].sure == SEEN
 
 
@@ -164,7 +164,7 @@ def test_a_stopped_process_is_why_its_neighbours_know_little(change, service):
         update(of(seen[ITS].probe.services, service), stopped=True)
 
     found = diagnosed(stopped, FLEET)
-    assert parts(found) == [("service", ITS, "stopped")] and not found.unexplained, found
+    assert components(found) == [("service", ITS, "stopped")] and not found.unexplained, found
 
 
 def _unasked(seen):
@@ -179,5 +179,5 @@ def _silent_source(seen):
 
 @pytest.mark.parametrize("change", [_unasked, _silent_source])
 def test_who_was_not_asked_is_not_accused_of_lagging(change):
-    told = {(entry.part.kind, entry.part.mode) for entry in diagnosed(change, FLEET).findings}
+    told = {(entry.component.kind, entry.component.mode) for entry in diagnosed(change, FLEET).findings}
     assert not told & {("sync", "stale"), ("discovery", "stale"), ("sync", "refuses")}, told

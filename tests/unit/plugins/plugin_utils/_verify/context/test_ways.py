@@ -3,8 +3,8 @@
 
 """Ways and masters: faults of a roscore on a sealed computer are told of that computer."""
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.needs import make_parts
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.needs import make_components
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.ways import Ways
 from fleets import COMPANION, ONE, SEALED, plan, sealed
 from mentioned import mentions
@@ -12,13 +12,13 @@ from mentioned import mentions
 
 def test_faults_of_a_sealed_roscore_are_of_its_computer():
     ways = Ways(sealed())
-    assert ways.seal(make_parts("roscore", COMPANION, "dead", "hung")) == {Component("roscore", SEALED, "sealed")}
-    others = make_parts("roscore", ONE, "dead") | make_parts("sync", COMPANION, "dead")
+    assert ways.seal(make_components("roscore", COMPANION, "dead", "hung")) == {Component("roscore", SEALED, "sealed")}
+    others = make_components("roscore", ONE, "dead") | make_components("sync", COMPANION, "dead")
     assert ways.seal(others) == others
-    (named,) = ways.seal(make_parts("roscore", COMPANION, "name", what="http://localhost:11311/"))
+    (named,) = ways.seal(make_components("roscore", COMPANION, "name", what="http://localhost:11311/"))
     assert mentions(named.sentence(), "hsrb", "http://localhost:11311/")
 
 
 def test_faults_stay_where_nothing_is_sealed():
-    dead = make_parts("roscore", ONE, "dead")
+    dead = make_components("roscore", ONE, "dead")
     assert Ways(plan()).seal(dead) is dead

@@ -58,7 +58,9 @@ def test_an_errno_of_its_own_kernel_is_kept():
     seen = observed(fleet)
     for entry in seen["dabo-visio"].probe.masters:
         update(entry, open=False, error="EADDRNOTAVAIL", outcome=Outcome.NO_LOCAL_PORT)
-    (entry,) = [one for one in diagnose(fleet, seen).findings if one.part[:3] == ("computer", "dabo-visio", "ports")]
+    (entry,) = [
+        one for one in diagnose(fleet, seen).findings if one.component[:3] == ("computer", "dabo-visio", "ports")
+    ]
     assert (entry.because.rule, entry.because.certainty) == ("errno", SEEN)
     assert {(one.kind, one.detail) for one in entry.because.shown_by} == {(evidence.ERRNO, "no_local_port")}
 
@@ -90,7 +92,7 @@ def test_each_finding_has_a_rule_that_fits(trials):
         for entry in diagnosis.findings:
             because = entry.because
             rules.add(because.rule)
-            assert because.certainty == entry.sure == BY_ID[because.rule].certainty, (trial.number, entry.part)
+            assert because.certainty == entry.sure == BY_ID[because.rule].certainty, (trial.number, entry.component)
             assert because.shown_by and sum(one.rows for one in because.explains) >= 1
             said |= {one.reason for one in because.rivals}
             assert all(one.check for one in because.rivals if one.reason == evidence.SUCCESS)

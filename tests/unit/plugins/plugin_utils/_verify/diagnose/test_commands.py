@@ -10,7 +10,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import FAULTS, Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FAULTS, Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import (
     COMMANDS,
     make_commands,
@@ -58,7 +58,7 @@ def interface(**values):
 
 
 @pytest.mark.parametrize(
-    ("change", "part", "expected"),
+    ("change", "component", "expected"),
     [
         (interface(mtu=600), ("interface", "mtu", NETWORK), "ip link set dev eth0 mtu 1500"),
         (interface(), ("interface", "mtu", NETWORK), ""),
@@ -114,8 +114,8 @@ def interface(**values):
         (interface(), ("clock", "off", ""), ""),
     ],
 )
-def test_what_is_to_be_pasted(change, part, expected):
-    assert told(change, *part) == (f"on {NAME}: {expected}" if expected else "")
+def test_what_is_to_be_pasted(change, component, expected):
+    assert told(change, *component) == (f"on {NAME}: {expected}" if expected else "")
 
 
 NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24, 192.168.12.0/24 }"
@@ -150,9 +150,9 @@ NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24, 192.168.12.0/24 }"
 def test_the_fleet_is_let_in_before_the_rule_that_drops(mode, what, origin, words):
     fleet = fig12()
     run = Verification(CHECKS, fleet, observed(fleet))
-    part = Component("filter", NAME, mode, what)
-    run.state.filters.rules[part] = Rule("in", "drop", origins=(origin,))
-    commands = make_commands([part], run.run[NAME], run.state)
+    component = Component("filter", NAME, mode, what)
+    run.state.filters.rules[component] = Rule("in", "drop", origins=(origin,))
+    commands = make_commands([component], run.run[NAME], run.state)
     assert (commands[0].text if commands else "").startswith(words) and bool(commands) == bool(words)
 
 

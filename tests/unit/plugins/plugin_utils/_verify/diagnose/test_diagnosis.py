@@ -8,7 +8,7 @@ import time
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose import diagnosis, rules
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import Observation
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import terminal
@@ -18,6 +18,7 @@ from fleets import (
     INNER_TIBI,
     ONE,
     TWO,
+    components,
     diagnose,
     diagnosed,
     fig12,
@@ -26,7 +27,6 @@ from fleets import (
     observed,
     of,
     outside,
-    parts,
     plan,
     silent,
     update,
@@ -77,7 +77,7 @@ def test_two_faults_beside_each_other_are_two_findings(first, second):
         second(seen)
 
     found = diagnosed(change, fig12())
-    assert sorted(parts(found)) == sorted([FAULTS[first], FAULTS[second]]), found
+    assert sorted(components(found)) == sorted([FAULTS[first], FAULTS[second]]), found
 
 
 def _flapping(seen):
@@ -90,7 +90,7 @@ def _flapping(seen):
 def test_the_lossy_link_is_named_and_not_the_network():
     """Most of the fleet's pings need the network and arrive, more than those that also need the link."""
     (found,) = diagnosed(_flapping, plan(5)).findings
-    assert found.part[:3] == ("link", ONE, "loss") and not found.rivals
+    assert found.component[:3] == ("link", ONE, "loss") and not found.rivals
 
 
 def test_what_is_behind_a_gateway_that_is_off_was_not_examined():
@@ -107,7 +107,7 @@ def test_what_is_behind_a_gateway_that_is_off_was_not_examined():
     verification = Verification(CHECKS, fleet, seen)
     summary = judge(verification, False, False).summary
     found = diagnosis.explain_rows(verification, summary.notable)
-    assert parts(found) == [("computer", "car-visio", "off")]
+    assert components(found) == [("computer", "car-visio", "off")]
     text = terminal.render(summary, found)
     assert "not examined: " in text and all(name in text.partition("not examined: ")[2] for name in INNER_CAR)
 
@@ -115,7 +115,7 @@ def test_what_is_behind_a_gateway_that_is_off_was_not_examined():
 def test_of_very_many_results_some_are_explained(monkeypatch):
     monkeypatch.setattr(diagnosis, "MOST", 50)
     found = diagnosed(wall, fig12())
-    assert parts(found) == [("filter", "tibi-visio", "forward")]
+    assert components(found) == [("filter", "tibi-visio", "forward")]
     assert found.looked_at <= 60 < found.total
 
 
@@ -131,7 +131,7 @@ def test_one_fault_in_a_large_fleet_is_one_finding_in_seconds():
             update(one.probe.list_masters, masters=without(one.probe.list_masters.masters, TWO))
     began = time.process_time()
     found = diagnose(fleet, seen)
-    assert parts(found) == [("computer", TWO, "off")]
+    assert components(found) == [("computer", TWO, "off")]
     assert time.process_time() - began < 20.0
 
 
@@ -141,7 +141,7 @@ def test_robots_are_not_mixed_up():
             update(seen[name].probe.roscore, answer="http://localhost:11311/")
 
     found = diagnosed(change, fig12())
-    assert parts(found) == [("roscore", "tibi-visio", "name")]
+    assert components(found) == [("roscore", "tibi-visio", "name")]
     assert ONE not in str(found)
 
 
@@ -171,7 +171,7 @@ def test_what_follows_from_a_consequence_is_given_to_its_cause(monkeypatch):
     verification = Verification(CHECKS, fleet, seen)
     rows = [row for row in verification.rows() if row.verdict != "ok"]
     found = diagnosis.explain_rows(verification, rows)
-    assert parts(found)[0] == cause[:3]
+    assert components(found)[0] == cause[:3]
     told = [row for entry in found.findings for row in (*entry.proof, *entry.rows)]
     assert {*told, *found.unexplained} == {*rows}
     assert {("services", name) for name in names[:2]} <= {(row.check, row.observer) for row in found.findings[0].rows}

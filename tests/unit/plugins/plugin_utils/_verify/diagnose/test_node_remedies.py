@@ -20,7 +20,7 @@ def _remedy(**process):
         update(seen[TWO].probe, node_hosts=[NodeHost(**{**values, **process})])
         update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/kobuki2/base", "127.0.0.1", 41233)])
 
-    (finding,) = [entry for entry in diagnosed(change).findings if entry.part.kind == "node"]
+    (finding,) = [entry for entry in diagnosed(change).findings if entry.component.kind == "node"]
     return write_advices(finding.do)
 
 
@@ -56,7 +56,7 @@ def test_the_line_that_sets_the_variable_is_named():
         update(seen[TWO].probe, node_hosts=[NodeHost(**values)])
         update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/kobuki2/base", "127.0.0.1", 41233)])
 
-    (finding,) = [entry for entry in diagnosed(change).findings if entry.part.kind == "node"]
+    (finding,) = [entry for entry in diagnosed(change).findings if entry.component.kind == "node"]
     assert f"remove the line that sets ROS_IP on {TWO}: /home/ann/robot_env.sh, line 2" in write_advices(finding.do)
 
 

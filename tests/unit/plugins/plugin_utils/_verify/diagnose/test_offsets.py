@@ -5,7 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.offsets import offset
 
 CLOCK = Component("clock", "a", "off")

@@ -4,7 +4,7 @@
 """Since when something is broken: only what decides the fault is told."""
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.check_context import FleetState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.onset import describe_onset
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
@@ -26,14 +26,14 @@ SYSCTL = "/etc/sysctl.d/9.conf line 3"
 COMMON = "the common network"
 
 
-def onset(part, change=None):
+def onset(component, change=None):
     """The words about a part, after a change of the probe at its place."""
     fleet = fig12()
     seen = observed(fleet)
     if change:
-        change(seen[part.place].probe)
+        change(seen[component.place].probe)
     state = FleetState(fleet, seen)
-    return describe_onset(part, state.run.get(part.place), state)
+    return describe_onset(component, state.run.get(component.place), state)
 
 
 def with_services(probe):
@@ -48,7 +48,7 @@ def with_services(probe):
 
 
 @pytest.mark.parametrize(
-    ("part", "expected"),
+    ("component", "expected"),
     [
         (("discovery", GATE, "dead"), f"it ended {SERVICE_WHEN}"),
         (("discovery", GATE, "group"), f"it was started {SERVICE_WHEN}"),
@@ -61,8 +61,8 @@ def with_services(probe):
         (("computer", GATE, "off"), ""),
     ],
 )
-def test_a_service_has_a_time_of_its_own(part, expected):
-    assert onset(Component(*part), with_services) == expected
+def test_a_service_has_a_time_of_its_own(component, expected):
+    assert onset(Component(*component), with_services) == expected
 
 
 def test_nobody_knows_where_nobody_looked():
@@ -85,7 +85,7 @@ def test_a_link_has_the_journal_and_its_changes():
 
 
 @pytest.mark.parametrize(
-    ("part", "name", "found", "told"),
+    ("component", "name", "found", "told"),
     [
         (("forwarding", GATE, "off"), "net.ipv4.ip_forward", f"{SYSCTL} sets 0", True),
         (("forwarding", GATE, "off"), '"net.ipv4.ip_forward"', f'"{SYSCTL} sets 0"', True),
@@ -100,11 +100,11 @@ def test_a_link_has_the_journal_and_its_changes():
         (("setting", GATE, "icmp_all"), "net.ipv4.ip_forward", f"{SYSCTL} sets 0", False),
     ],
 )
-def test_a_file_counts_that_sets_the_wrong_value(part, name, found, told):
+def test_a_file_counts_that_sets_the_wrong_value(component, name, found, told):
     def change(probe):
         update(probe, next_boot=(BootDeviation("sysctl", name, "?", found, SYSCTL, WHEN),))
 
-    assert onset(Component(*part), change) == (f"{SYSCTL} was changed {WHEN}" if told else "")
+    assert onset(Component(*component), change) == (f"{SYSCTL} was changed {WHEN}" if told else "")
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_a_filter_counts_by_its_table(table, policy, chains, expected):
                     update(member, ping_address=lost, ping_name=lost, ping_large=None, loss=1.0)
 
     (finding,) = diagnosed(change, fig12()).findings
-    assert (finding.part.kind, finding.part.place) == ("filter", OTHER)
+    assert (finding.component.kind, finding.component.place) == ("filter", OTHER)
     assert finding.since == expected
 
 

@@ -14,7 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     Verification,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.judgement import FleetJudgement, judge
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise

@@ -10,7 +10,7 @@ import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import PAGES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, Row
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     NodeTraffic,
@@ -141,8 +141,10 @@ def test_the_page_is_smaller_than_five_megabytes(verdict, computers):
     long = "a & text " * 30
     rows = [Row(kind.checks[0], one, two, verdict, long, long) for one in names for two in names for kind in KINDS]
     cells = Matrices(fleet, rows)
-    parts = [Component("computer", name, "off") for name in fleet.computers]
-    found = Diagnosis(tuple(Finding(part, rows=tuple(rows[:100]), proof=tuple(rows[:100])) for part in parts))
+    components = [Component("computer", name, "off") for name in fleet.computers]
+    found = Diagnosis(
+        tuple(Finding(component, rows=tuple(rows[:100]), proof=tuple(rows[:100])) for component in components)
+    )
     document = {
         **make_report(fleets.plan()).document,
         "findings": content.list_findings(found) if verdict == FAILED else [],

@@ -12,7 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     WARNING,
     Row,
 )
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import Diagnosis, Finding
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.terminal import render

@@ -24,7 +24,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.trace
     choose_probes,
     list_listeners,
 )
-from fleets import diagnose, fig12, mac, observed, parts, update, wall
+from fleets import components, diagnose, fig12, mac, observed, update, wall
 
 GATE = "tibi-visio"
 
@@ -93,28 +93,28 @@ def test_each_way_that_fails_is_followed_once_and_twelve_at_most():
 
 
 @pytest.mark.parametrize(
-    ("filters", "part"),
+    ("filters", "component"),
     [
         (None, ("filter", GATE, "forward")),  # its rules could not be read
         (FilterChains(True, ()), ("way", GATE, "ends")),  # they were read, and drop nothing; forwarding is on
     ],
     ids=["unread", "read"],
 )
-def test_where_packets_end_is_the_finding_or_what_it_leaves(filters, part):
+def test_where_packets_end_is_the_finding_or_what_it_leaves(filters, component):
     fleet, seen = lose_behind_wall(filters)
     before = diagnose(fleet, seen).findings[0]
     assert before.sure == INFERRED
     assert not before.do and before.look
     follow(fleet, seen)
     found = diagnose(fleet, seen)
-    assert parts(found)[0] == part
+    assert components(found)[0] == component
     first = found.findings[0]
     assert first.sure == LOCATED
     assert f"came in at {GATE} on eth0, and did not leave it" in first.followed[0].words
     way = first.followed[0].way
     assert way.at == GATE == way.hops[-1].receiver and way.words == first.followed[0].words
     assert [hop.network for hop in way.hops if hop.receiver == GATE][0] in ("the common network", "the network of tibi")
-    assert (first.followed[0].words in first.sentence()) == (part[0] == "way")
+    assert (first.followed[0].words in first.sentence()) == (component[0] == "way")
 
 
 def test_a_computer_that_missed_packets_is_not_blamed():
@@ -123,7 +123,7 @@ def test_a_computer_that_missed_packets_is_not_blamed():
     before = diagnose(fleet, seen).findings[0]
     follow(fleet, seen, missed=tuple(seen))
     after = diagnose(fleet, seen)
-    assert after.findings[0].part == before.part and {one.sure for one in after.findings} == {INFERRED}
+    assert after.findings[0].component == before.component and {one.sure for one in after.findings} == {INFERRED}
 
 
 def test_only_a_flood_in_the_name_of_a_member_hides_something():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import lies
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.packet_trace import (
     CapturedPacket,
@@ -301,23 +301,23 @@ def show(found, *counters):
 
 def test_an_errno_of_the_sender_is_evidence():
     nothing = {name: [] for name in ROUTE}
-    for outcome, part in (
+    for outcome, component in (
         (Outcome.NO_LOCAL_PORT, Component("computer", "one", "ports")),
         (Outcome.NO_FILE, Component("computer", "one", "limit", "a process may not open more files")),
         (Outcome.NOT_PERMITTED, Component("filter", "one", "rpc out")),
         (Outcome.CLOSED_ROUTE, None),  # a rule or a route, and each of them is read
         (Outcome.NO_ANSWER, None),
     ):
-        assert show(find(nothing, CALL, SentProbe(3, outcome))) == part
+        assert show(find(nothing, CALL, SentProbe(3, outcome))) == component
 
 
 def test_a_short_life_is_told_from_a_circle_of_routers():
-    for ttl, part in ((1, Component("setting", "one", "ttl")), (64, None)):
+    for ttl, component in ((1, Component("setting", "one", "ttl")), (64, None)):
         seen = cross("request", ["one", "gate"], ttl=ttl)
         seen["one"].append(capture(False, "error", icmp_type=11, icmp_code=0, reporter="10.0.1.254", ttl=64))
         found = find(seen)
         assert (found.stage, found.at) == (TraceStage.REPORTED, "gate")
-        assert show(found) == part
+        assert show(found) == component
         assert suspects.is_consistent(Component("route", "gate", "circle"), found)
 
 
@@ -391,7 +391,7 @@ def test_whatever_computers_tell_has_a_place_and_words(seen, probe):
     ],
     ids=["source", "hop", "target"],
 )
-def test_a_place_leaves_few_parts(hops, right, wrong):
+def test_a_place_leaves_few_components(hops, right, wrong):
     found = find(cross("request", hops) if hops else {name: [] for name in ROUTE})
     assert suspects.is_consistent(Component(*right), found)
     assert not suspects.is_consistent(Component(*wrong), found)

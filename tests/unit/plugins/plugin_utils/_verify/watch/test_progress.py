@@ -109,7 +109,7 @@ def test_one_who_hears_nobody_is_named():
     assert text.endswith("a hears nothing of 2 masters.") or "a hears no heartbeat" in text
 
 
-def test_the_part_that_is_nearest_to_the_reason_is_named():
+def test_the_component_that_is_nearest_to_the_reason_is_named():
     text = loss(
         ("b", event("group", "a", 30.0)),
         ("c", event("master", "a", 30.2)),

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The parts of a fleet that a person can mend, and what follows from what. `_faults` has the ways in which each may be broken.
+"""The components of a fleet that a person can mend, and what follows from what. `_faults` has the ways in which each may be broken.
 
-A part has a `kind`, a `place`, and the `mode` in which it is broken. `what` narrows it where a place has several: the network
+A component has a `kind`, a `place`, and the `mode` in which it is broken. `what` narrows it where a place has several: the network
 of a link or a route, the name that is looked up, the port of a packet filter.
 """
 
@@ -20,7 +20,7 @@ __all__ = ("ANY", "FAULTS", "FOLLOWS", "HEARSAY", "RULED", "Component")
 
 
 class Component(NamedTuple):
-    """A part that may be broken in one way."""
+    """A component that may be broken in one way."""
 
     kind: str
     place: str  # a computer, a robot or a network
@@ -30,7 +30,7 @@ class Component(NamedTuple):
 
     @classmethod
     def from_pair(cls, kind: str, mode: str, *places: str, what: str = "") -> Component:
-        """Make the part between two places, in whatever order they come."""
+        """Make the component between two places, in whatever order they come."""
         place, other = sorted(places)
         return cls(kind, place, mode, what, other)
 

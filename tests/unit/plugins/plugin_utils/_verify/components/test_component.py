@@ -7,7 +7,7 @@ import re
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import ALWAYS, write_advices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.parts import (
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import (
     FAULTS,
     FOLLOWS,
     Component,
@@ -26,13 +26,13 @@ CHANGING = re.compile(
 def test_every_fault_is_told_in_whole_sentences(key):
     kind, mode = key
     for what in ("", "the network of dabo"):
-        part = Component(kind, "tibi-nav", mode, what)
+        component = Component(kind, "tibi-nav", mode, what)
         texts = (
-            part.sentence(),
-            *(text for one in (*part.do(), *part.look()) for text in (one.text, one.effect or "none")),
+            component.sentence(),
+            *(text for one in (*component.do(), *component.look()) for text in (one.text, one.effect or "none")),
         )
         assert all(text and not UNFILLED.search(text) and "  " not in text for text in texts), texts
-        assert part.place in part.sentence() and not part.sentence().endswith(".")
+        assert component.place in component.sentence() and not component.sentence().endswith(".")
 
 
 @pytest.mark.parametrize("key", [key for key, fault in FAULTS.items() if fault.read != ALWAYS])
@@ -45,7 +45,7 @@ def test_what_follows_is_in_the_table():
     assert set(FOLLOWS) | {reason for reasons in FOLLOWS.values() for reason in reasons} <= set(FAULTS)
 
 
-def test_two_places_are_one_part_in_any_order():
-    part = Component.from_pair("filter", "pair", "b", "a")
-    assert part == Component.from_pair("filter", "pair", "a", "b")
-    assert part.places == ("a", "b") and " a and b," in part.sentence()
+def test_two_places_are_one_component_in_any_order():
+    component = Component.from_pair("filter", "pair", "b", "a")
+    assert component == Component.from_pair("filter", "pair", "a", "b")
+    assert component.places == ("a", "b") and " a and b," in component.sentence()
