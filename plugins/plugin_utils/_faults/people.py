@@ -126,7 +126,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ("registration", "talker"): Fault(
         "RF-523",
         "the talker of the verification on {place} does not run, or has not registered: {what}",
-        do=(hand("verify again; with many computers with -e verify_lifetime=120"),),
+        do=(hand("verify again; with many computers with -e verify_lifetime=600"),),
         look=(on("journalctl -n 50 -u multimaster-verify-talker"),),
         cost=3.5,
         why="it is started for this run alone",
