@@ -159,7 +159,7 @@ INTERFACES: Mapping[Key, Fault] = {
     ("neighbour", "mute"): Fault(
         "RF-221",
         "{place} answers nobody who asks for its hardware address: a packet filter for ARP, or arp_ignore",
-        do=(on("sysctl -w net.ipv4.conf.all.arp_ignore=0"),),
+        do=(on("sysctl -w net.ipv4.conf.all.arp_ignore=3", "the planned value"),),
         look=(on("sysctl -a --pattern arp_ignore; nft list ruleset arp; arptables-save"),),
         cost=3.5,
         why="few know that it can be filtered",
