@@ -54,10 +54,10 @@ options:
     type: list
     elements: str
     choices:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, clock, tunnel, folders, ports, masters,
+      [system, owned, interfaces, ways, routing, forwarding, filters, ros, packages, clock, multicast_routing, tunnel, folders, ports, masters,
        exports, sshd, environment]
     default:
-      [system, owned, interfaces, ways, routing, forwarding, filters, multicast_routing, ros, packages, clock, tunnel, folders, ports, exports,
+      [system, owned, interfaces, ways, routing, forwarding, filters, ros, packages, clock, multicast_routing, tunnel, folders, ports, exports,
        sshd, environment]
   destinations:
     description:

@@ -92,5 +92,7 @@ def test_an_advice_is_plain_data():
 
 
 def test_the_pages_are_those_of_the_table():
-    done = subprocess.run([sys.executable, ROOT / "tools/findings.py", "--check"], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools/findings.py", "--check"], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr

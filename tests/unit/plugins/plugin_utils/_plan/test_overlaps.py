@@ -33,7 +33,7 @@ def network(robot, third, gateway=1):
     return from_plain(RobotNetwork, {"robot": robot, "network": f"{part}.0/24", **gateways})
 
 
-NETWORKS = [network("dabo", 10), network("helena", 11), network("tibi", 13)]
+NETWORKS = (network("dabo", 10), network("helena", 11), network("tibi", 13))
 
 
 def interface(name, *addresses):
