@@ -4,13 +4,14 @@
 """Interfaces of a computer that lead into the network of another robot: a bridge of containers, a VPN, a hotspot.
 
 Pure: the networks of the plan, and what `multimaster_info` found, in. It does not matter which route counts today: the order of
-routes may be another one after the next boot, and then packets for that robot end at this computer.
+routes may be another one after the next boot, and then packets for that robot end at this computer. A wider network than the robot's
+is harmless where the plan has a route to the robot's: the narrower one counts, in whatever order.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from ipaddress import IPv4Interface, IPv4Network
 from typing import Any, NamedTuple
 
@@ -72,6 +73,7 @@ def _make_range(entry: RobotNetwork) -> _Range:
 def _list_addresses(plan: ComputerPlan, others: Sequence[_Range], info: Mapping[str, Any]) -> Iterator[Overlap]:
     """Yield the addresses whose network has addresses of another robot's. A planned address has a check of its own."""
     planned = {str(entry.address) for entry in plan.networks}
+    routed = {destination for destination, _gateways in _list_ways(plan)}
     for interface in info["interfaces"]:
         for entry in interface["addresses"]:
             if ":" in entry["address"] or entry["address"] in planned:
@@ -79,19 +81,25 @@ def _list_addresses(plan: ComputerPlan, others: Sequence[_Range], info: Mapping[
             place = IPv4Interface(f"{entry['address']}/{entry['prefix']}")
             first, last = int(place.network.network_address), int(place.network.broadcast_address)
             for other in others:
-                # a router may be the gateway of a robot
-                is_gateway = plan.is_router and place.ip == other.entry.gateway
-                if first <= other.last and last >= other.first and not is_gateway:
+                if first <= other.last and last >= other.first and not _is_harmless(plan, place, other.entry, routed):
                     yield Overlap(interface["name"], str(place), other.entry.network, other.entry.robot)
+
+
+def _is_harmless(plan: ComputerPlan, place: IPv4Interface, other: RobotNetwork, routed: Collection[str]) -> bool:
+    """Return True for a router that is the gateway of a robot, and for a wider network, which counts behind a planned route."""
+    is_gateway = plan.is_router and place.ip == other.gateway
+    is_wider = place.network.prefixlen < other.network.prefixlen and place.ip not in other.network
+    return is_gateway or (is_wider and str(other.network) in routed)
 
 
 def _list_routes(plan: ComputerPlan, others: Sequence[_Range], info: Mapping[str, Any]) -> Iterator[Overlap]:
     """Yield the routes of all tables into another robot's network, by an interface that the plan does not have."""
     routing = info.get("routing") or {}
     tables = [routing.get("routes", ()), *(entry["routes"] for entry in routing.get("tables", ()))]
-    planned = _list_interfaces(plan, info)
+    planned = _list_interfaces(plan, others, info)
+    of_earlier = _list_of_earlier_plans(plan, planned, tables[0], info)
     for route in (route for table in tables for route in table):
-        if not route["device"] or route["device"] in planned:
+        if not route["device"] or route["device"] in planned or (route["destination"], route["gateway"]) in of_earlier:
             continue
         destination = IPv4Network(route["destination"])
         first, last = int(destination.network_address), int(destination.broadcast_address)
@@ -100,11 +108,34 @@ def _list_routes(plan: ComputerPlan, others: Sequence[_Range], info: Mapping[str
                 yield Overlap(route["device"], f"a route to {destination}", other.entry.network, other.entry.robot)
 
 
-def _list_interfaces(plan: ComputerPlan, info: Mapping[str, Any]) -> set[str]:
-    """Name the interfaces with an address of the plan, and those that features make."""
+def _list_interfaces(plan: ComputerPlan, others: Sequence[_Range], info: Mapping[str, Any]) -> set[str]:
+    """Name the interfaces with an address of the plan, those that features make, and those of a router that is a robot's gateway."""
     planned = {str(entry.address) for entry in plan.networks}
+    planned |= {str(other.entry.gateway) for other in others if plan.is_router}
     has = (one["name"] for one in info["interfaces"] if planned & {entry["address"] for entry in one["addresses"]})
     return {*has, *(one.name for one in plan.interfaces_to_come)}
+
+
+def _list_ways(plan: ComputerPlan) -> list[tuple[str, set[str]]]:
+    """List the destinations of the routes that a run makes, each with its gateways."""
+    made = [(str(route.destination), {str(route.gateway)}) for route in plan.routes]
+    carried = plan.routes_expected if plan.carrier else ()  # its program makes them
+    return made + [(str(route.destination), set(map(str, route.gateways))) for route in carried]
+
+
+def _list_of_earlier_plans(
+    plan: ComputerPlan, planned: set[str], main: Sequence[Mapping[str, Any]], info: Mapping[str, Any]
+) -> set[tuple[str, str]]:
+    """List the routes (destination, gateway) that may be of an earlier plan, which the run of this one takes away.
+
+    A tunnel was turned on or off, or the computer has the common network at another interface. As soon as all routes of the plan
+    are there, no other one is the collection's.
+    """
+    there = {(route["destination"], route["gateway"]) for route in main if route["device"] in planned}
+    is_applied = all(any((destination, gateway) in there for gateway in of) for destination, of in _list_ways(plan))
+    if is_applied or not info.get("owned"):
+        return set()
+    return {(route["destination"], route["gateway"]) for route in main if route["gateway"]}
 
 
 def describe_overlaps(plan: ComputerPlan, overlaps: Sequence[Overlap]) -> list[str]:

@@ -4,11 +4,17 @@
 """Interfaces of a computer in the network of another robot."""
 
 import time
+from dataclasses import replace
+from ipaddress import IPv4Address, IPv4Network
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import overlaps
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, RobotNetwork
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import (
+    ComputerPlan,
+    PlannedRoute,
+    RobotNetwork,
+)
 from mentioned import mentions
 
 PLAN = from_plain(
@@ -105,9 +111,54 @@ def test_a_planned_address_in_a_network_that_is_too_large_has_a_check_of_its_own
 def test_a_router_may_be_the_gateway_of_a_robot():
     router = {"computer": "router", "address": "192.168.1.1", "common_address": "192.168.1.1", "is_router": True}
     plan = from_plain(ComputerPlan, {**router, "network": "192.168.1.0/24"})
-    assert find(interface("eth2", "192.168.10.1/24"), plan=plan, routes=[]) != find(
-        interface("eth2", "192.168.10.2/24"), plan=plan, routes=[]
-    )
+    routes = [route("192.168.10.0/24", "eth2")]  # the kernel's own route of the address
+
+    def find_there(address):
+        info = {"interfaces": [interface("eth1", "192.168.1.1/24"), interface("eth2", address)]}
+        return overlaps.find_overlaps(plan, NETWORKS, {**info, "routing": {"routes": routes}})
+
+    assert find_there("192.168.10.1/24") == []
+    assert [one.interface for one in find_there("192.168.10.2/24")] == ["eth2"]
+
+
+ROUTED = replace(
+    PLAN,
+    routes=tuple(PlannedRoute(IPv4Network(f"192.168.{one}.0/24"), IPv4Address(f"192.168.1.{one}")) for one in (10, 11)),
+)
+
+
+@pytest.mark.parametrize(
+    ("owned", "routes", "expected"),
+    [
+        # the run takes its own routes away: a tunnel ends, or the common network is at another interface now
+        (["files-tunnel"], [("192.168.10.0/24", "multimaster0", "10.99.0.10")], []),
+        (["routes"], [("192.168.10.0/24", "wlan0", "192.168.1.10")], []),
+        # nothing was set up, so it is somebody else's; and so is one without a gateway
+        ([], [("192.168.10.0/24", "tun0", "10.8.0.1")], ["dabo"]),
+        (["routes"], [("192.168.10.0/24", "tun0", "")], ["dabo"]),
+        # all routes of the plan are there, so another one is not the collection's
+        (
+            ["routes"],
+            [
+                ("192.168.10.0/24", "eth1", "192.168.1.10"),
+                ("192.168.11.0/24", "eth1", "192.168.1.11"),
+                ("192.168.10.0/24", "tun0", "10.8.0.1"),
+            ],
+            ["dabo"],
+        ),
+    ],
+)
+def test_a_route_of_an_earlier_plan_is_no_reason_against_the_next_one(owned, routes, expected):
+    main = [route(*one) for one in routes]
+    info = {"owned": owned, "interfaces": OWN, "routing": {"routes": main, "tables": []}}
+    assert [one.robot for one in overlaps.find_overlaps(ROUTED, NETWORKS, info)] == expected
+
+
+def test_a_wider_network_counts_behind_a_planned_route():
+    assert (
+        find(interface("eth5", "192.168.200.3/16"), interface("eth6", "192.168.8.1/22"), plan=ROUTED) == []
+    )  # at its end, too
+    assert [one.robot for one in find(interface("eth5", "192.168.10.9/16"), plan=ROUTED)] == ["dabo"]
 
 
 def test_the_place_is_where_that_network_is_changed():
