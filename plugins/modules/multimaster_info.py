@@ -413,7 +413,8 @@ exports:
     variable: {description: The variable., returned: always, type: str}
     value: {description: 'What the shell of RV(exports[].person) has. Where none was asked, what the line sets, as far as
           that is a plain word.', returned: always, type: str}
-    text: {description: 'The line, or what the shell has made of it.', returned: always, type: str}
+    text: {description: 'The statement in the line, or what the shell has made of it; other variables are without their
+          values.', returned: always, type: str}
     person: {description: 'The person whose shell was asked, and has the value; empty where none was asked.', returned: always,
         type: str}
     shell: {description: 'V(interactive), V(login), or empty where no shell was asked.', returned: always, type: str}

@@ -156,7 +156,7 @@ class ExportLine(Struct):
         "http://localhost:11311",
     )
     text: str = field(
-        "The line, or what the shell has made of it.",
+        "The statement in the line, or what the shell has made of it; other variables are without their values.",
         "export ROS_MASTER_URI=http://localhost:11311",
     )
     person: str = field("The person whose shell was asked, and has the value; empty where none was asked.", "robot")

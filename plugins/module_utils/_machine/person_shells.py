@@ -9,6 +9,7 @@ A file may source others, call a function or build a value of several variables,
 import inspect
 import json
 import os
+import re
 import typing
 
 from .._base.commands import BASE_PATH, run
@@ -26,6 +27,11 @@ _OF_BASH = ("bash.bashrc", ".bashrc", "profile", ".profile", ".bash_profile", ".
 _OF_ZSH = ("zshenv", "zshrc", ".zshenv", ".zshrc")
 _OF_SH = ("profile", ".profile")
 FILES = {"bash": _OF_BASH, "zsh": _OF_ZSH, "sh": _OF_SH, "dash": _OF_SH, "ksh": _OF_SH, "fish": ()}
+
+# The ends of the statements of a line, and the values of variables that are not of ROS: they may be passwords, and reports show lines.
+_STATEMENT = re.compile(r";|&&?|\|\||(?:^|(?<=\s))[{}](?=\s|$)")
+_OTHER_VALUE = re.compile(r"\b(?!ROS_|DEFAULT=|OVERRIDE=)(\w+)=(?:\"[^\"]*\"|'[^']*'|[^\s\"';&|])+")
+_COMMENT = re.compile(r"\s#.*")
 
 Row = typing.Dict[str, typing.Any]
 Values = typing.Dict[str, str]
@@ -101,11 +107,27 @@ def list_rows(
             if (place and ours(place[0])) or (not place and value == planned.get(name)):
                 continue
             file, line, text = place or ("", 0, "")
-            row = {"file": file, "line": line, "variable": name, "value": _spell(value), "text": _spell(text)}
+            row = {
+                "file": file,
+                "line": line,
+                "variable": name,
+                "value": _spell(value),
+                "text": _spell(show_statement(text, name)),
+            }
             row.update(person=plain(person.name), shell=kind)
             if all(dict(other, shell=kind) != row for other in rows):  # the other shell said the same
                 rows.append(row)
     return rows
+
+
+def show_statement(line: str, variable: str) -> str:
+    """Return the statement of a line that sets a variable, without the values of variables that are not of ROS."""
+    hidden = _OTHER_VALUE.sub(r"\1=...", line)  # first, since a value may have the end of a statement in it
+    parts = list(filter(None, map(str.strip, _STATEMENT.split(_COMMENT.sub("", hidden)))))
+    sets = [part for part in parts if re.search(r"(?<![$\w{])" + variable + r"\b", part)]
+    chosen = sets[-1] if sets else variable
+    cut = ["..." if parts and parts[0] != chosen else "", chosen, "..." if parts and parts[-1] != chosen else ""]
+    return " ".join(filter(None, cut))
 
 
 def _spell(text: str) -> str:

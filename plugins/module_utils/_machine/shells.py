@@ -135,7 +135,8 @@ def assignments(content: str) -> Rows:
     for number, line in enumerate(content.splitlines(), 1):
         if any(name in line for name in VARIABLES):
             for variable, value in _read_line(line):
-                rows.append({"line": number, "variable": variable, "value": plain(value), "text": plain(line)})
+                shown = plain(person_shells.show_statement(line, variable))
+                rows.append({"line": number, "variable": variable, "value": plain(value), "text": shown})
     return rows
 
 
