@@ -75,13 +75,15 @@ def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) ->
     for host in hosts:
         found.update(host=plain(host))
         try:
-            found["data_port"] = int(server(f"http://{host}:{port}/").rosfleetOffers(robot, "", 0.0)[1])
+            said = server(f"http://{host}:{port}/").rosfleetOffers(robot, "", 0.0)[1]
         except OSError as problem:
             found.update(outcome=classify_error(problem)[0].value, error=plain(problem.strerror or str(problem)))
         except Exception as problem:  # any: it is another computer's answer
             found.update(outcome=Outcome.FAILED.value, error=plain(str(problem)) or type(problem).__name__)
         else:
-            answer = connect(host, found["data_port"], CONNECT) if 0 < found["data_port"] < 65536 else None
+            # An answer with another number could be refused as a whole, with all that this computer has seen of others.
+            found["data_port"] = said if type(said) is int and 0 < said < 65536 else 0
+            answer = connect(host, found["data_port"], CONNECT) if found["data_port"] else None
             data = answer.outcome if answer else Outcome.FAILED
             error = "" if data == Outcome.OPEN else plain(answer.words) if answer else "its port is none"
             return dict(found, outcome=Outcome.ANSWERED.value, data_outcome=data.value, error=error)

@@ -54,6 +54,20 @@ def test_a_time_that_is_no_number_costs_the_clock_alone(said):
     assert found["open"] and found["clock_offset_s"] is None and "is no time" in found["clock_error"]
 
 
+@pytest.mark.parametrize("said", [2**31 - 1, -1, 0, 1e300, "9" * 4000, [], True])
+def test_a_port_that_is_none_costs_the_data_of_that_relay_alone(said):
+    """An answer with such a number would be refused as a whole."""
+    with xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+        server.register_function(lambda robot, revision, wait: ["r", said, []], "rosfleetOffers")
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        channel = {"peer": "kobuki2", "hosts": ["127.0.0.1"], "port": server.server_address[1]}
+        (found,) = masters.relays({"robot": "kobuki1", "channels": [channel]})
+        server.shutdown()
+        thread.join()
+    assert (found["outcome"], found["data_outcome"], found["data_port"]) == ("answered", "failed", 0)
+
+
 def test_the_port_of_a_roscore_is_open_refused_or_not_asked(discovery):
     uri = "http://kobuki2computer:{}/"
     assert masters.discovery(dict(master(discovery), uri=uri.format(discovery)), 0)["roscore"] == "open"
