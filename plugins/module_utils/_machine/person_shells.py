@@ -18,6 +18,7 @@ from .._base.plain_text import plain
 from . import shell_program
 
 MOST_PERSONS = 8  # that are asked; the files of all are read
+MOST_LINES = 1 << 31  # of a file
 _ASKING = 6.0  # seconds for a shell
 _LIMIT = 15.0  # for both shells of a person
 KINDS = {"interactive": ["-i"], "login": ["-l", "-i"]}  # a terminal of a desktop, and one by ssh
@@ -84,9 +85,13 @@ def ask(person: Person, names: typing.Sequence[str]) -> Answers:
 def _read(told: typing.Any, names: typing.Sequence[str]) -> Seen:
     """Read the answer of a shell. Raises TypeError, ValueError, LookupError or AttributeError for anything else."""
     values, places = told
+    if not all(type(line) is int and 0 <= line < MOST_LINES for _file, line, _words in places.values()):
+        raise ValueError(
+            "no number of a line"
+        )  # an answer of this computer with such a number could be refused as a whole
     return Seen(
         {name: str(values[name]) for name in names if name in values},
-        {name: (plain(str(file)), int(line), str(words)) for name, (file, line, words) in sorted(places.items())},
+        {name: (plain(str(file)), line, str(words)) for name, (file, line, words) in sorted(places.items())},
     )
 
 

@@ -10,6 +10,7 @@ import shutil
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine import person_shells, shell_program, shells
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine.person_shells import Person, Seen
 
@@ -163,6 +164,19 @@ def test_what_the_collection_sets_is_no_line_of_others(person):
         {"ROS_IP": "10.0.0.1"}, {"ROS_IP": ("/opt/ws/etc/catkin/profile.d/1.rosfleet-multimaster.sh", 3, "export")}
     )
     assert person_shells.list_rows(person, {"login": seen}, [], {}, shells._is_ours) == []
+
+
+@pytest.mark.parametrize("line", ["9" * 40, "1e999", "-5", "true", '"7"'])
+def test_a_line_whose_number_is_none_makes_no_answer(person, line, monkeypatch):
+    said = f'{{"interactive": [{{"ROS_IP": "1"}}, {{"ROS_IP": ["/x", {line}, "ROS_IP=1"]}}], "login": null}}'
+    monkeypatch.setattr(person_shells, "run", lambda *_words: Answer(0, said.encode() + b"\n", ""))
+    assert person_shells.ask(person, NAMES) == {}
+
+
+def test_a_trace_that_a_file_made_up_tells_no_number_of_forty_digits(person):
+    made_up = "printf '+\\037x\\037" + "9" * 40 + "\\037ROS_IP=1\\n' >&$BASH_XTRACEFD"
+    write(person, ".bashrc", "export ROS_IP=1", made_up)
+    assert all(row[1] < 1 << 31 for row in rows(person))
 
 
 @pytest.mark.parametrize(
