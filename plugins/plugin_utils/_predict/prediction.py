@@ -376,6 +376,8 @@ def _notes(prediction: Prediction) -> list[str]:
 def write_verdict(prediction: Prediction) -> str:
     """Return the result in one sentence."""
     reach, total = prediction.count(after=REACHES), len(prediction.pairs)
+    if not total:
+        return f"PREDICTED: no way, since there is none between {len(prediction.computers)} computers."
     changes = {
         "more than now": prediction.count(now=FAILS, after=REACHES),
         "that work now would not": prediction.count(now=REACHES, after=FAILS),

@@ -42,6 +42,12 @@ def test_a_fleet_that_works_goes_on_to_work():
     assert mentions(prediction.write_verdict(found), "PREDICTED", found.count(), "site.yml")
 
 
+def test_where_every_computer_was_refused_nothing_is_said_to_work():
+    found = prediction.predict(PLAN, infos(WORLD), PLAN.computers)
+    assert not found.pairs and "would work" not in prediction.render(found)
+    assert mentions(prediction.render(found), *(found.refused[:2]))
+
+
 # A change, where the packets end, and a part of the sentence.
 TOLD = {
     "filter": (change(WORLD, "tibi-visio", rules=(Rule("forward", "drop", "tcp"),)), "a packet filter on it drops connections of nodes"),
