@@ -122,6 +122,7 @@ LASTING: Mapping[str, tuple[Mapping[str, str], str]] = {
 }
 
 
+GROUPS = IPv4Network("224.0.0.0/4")  # of multicast: what is sent there has the fleet at its source alone
 #: direction of packets -> the chains of iptables that they pass, and the end of them that is in a network of the fleet
 CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "in": (("INPUT", "-s"),),
@@ -137,7 +138,8 @@ def _accept_packets(computer: Participant, components: Sequence[Component], stat
         origins, direction = state.filters.list_origins(component), component.mode.rpartition(" ")[2]
         known = [told for maker, told in LASTING.items() if any(re.fullmatch(MAKERS[maker], one) for one in origins)]
         if known and (words := known[0][0].get(direction)):
-            yield from (words.format(network) for network in networks)
+            ends = (GROUPS,) if component.mode == "group out" else networks
+            yield from (words.format(end) for end in ends)
             yield known[0][1]
         elif origins:
             yield _accept_before(component, origins[0], networks)
@@ -154,7 +156,7 @@ def _find_dropped(component: Component) -> tuple[Dropped | None, str, str]:
         mode, direction = component.mode, ""
     dropped = DROPPED.get(mode)
     what = component.what or (dropped.what if dropped else "")
-    return dropped, direction, what if what.isdigit() else ""
+    return dropped, direction, what if what.isdecimal() and what.isascii() else ""
 
 
 def _accept_before(component: Component, origin: str, networks: Iterable[IPv4Network]) -> str:
@@ -162,7 +164,8 @@ def _accept_before(component: Component, origin: str, networks: Iterable[IPv4Net
     match = dropped.match if dropped else ""
     if "{what}" in match and not port:
         return ""
-    among = f"ip {'daddr' if direction == 'out' else 'saddr'} {{{{ {', '.join(map(str, networks))} }}}}"
+    end = "daddr" if direction == "out" and "daddr" not in match else "saddr"
+    among = f"ip {end} {{{{ {', '.join(map(str, networks))} }}}}"
     words = ("nft insert rule {}", among, match.format(what=port), "accept")
     return advice.command(" ".join(filter(None, words)), ("chain", origin))
 
@@ -173,7 +176,12 @@ def _accept_first(component: Component, networks: Iterable[IPv4Network]) -> Comm
     if "{what}" in option and not port:
         return
     for chain, end in CHAINS.get(direction, (*CHAINS["in"], *CHAINS["out"])):
-        words = (f"iptables -I {chain} {end} {','.join(map(str, networks))}", option.format(what=port), "-j ACCEPT")
+        of_fleet = "-s" if "-d " in option else end
+        words = (
+            f"iptables -I {chain} {of_fleet} {','.join(map(str, networks))}",
+            option.format(what=port),
+            "-j ACCEPT",
+        )
         yield " ".join(filter(None, words))
 
 

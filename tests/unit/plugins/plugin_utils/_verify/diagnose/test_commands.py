@@ -133,6 +133,9 @@ NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24, 192.168.12.0/24 }"
         ("rpc in", "", "inet own input", f"nft insert rule inet own input ip saddr {NETS} tcp dport 11611 accept"),
         ("nodes out", "", "ip own out", f"nft insert rule ip own out ip daddr {NETS} tcp dport 1024-65535 accept"),
         ("all in", "", "inet own input", f"nft insert rule inet own input ip saddr {NETS} accept"),
+        # what goes to the group has the fleet at its source alone
+        ("group out", "", "ip own out", f"nft insert rule ip own out ip saddr {NETS} ip daddr 224.0.0.0/4 accept"),
+        ("group out", "", "ip filter ufw-user-output", "ufw allow out to 224.0.0.0/4"),
         ("forward", "TCP", "inet own forward", f"nft insert rule inet own forward ip saddr {NETS} accept"),
         ("all in", "", "ip filter ufw-user-input", "ufw allow from 192.168.1.0/24; "),
         ("forward", "", "ip filter DOCKER-USER", "iptables -I DOCKER-USER -s 192.168.1.0/24 -j ACCEPT; "),
@@ -161,6 +164,7 @@ def test_the_fleet_is_let_in_before_the_rule_that_drops(mode, what, origin, word
     [
         ("rpc in", "", "iptables -I INPUT -s {} -p tcp --dport 11611 -j ACCEPT"),
         ("nodes out", "", "iptables -I OUTPUT -d {} -p tcp --dport 1024:65535 -j ACCEPT"),
+        ("group out", "", "iptables -I OUTPUT -s {} -d 224.0.0.0/4 -j ACCEPT"),
         ("forward", "", "iptables -I FORWARD -s {} -j ACCEPT"),
         ("icmp", "", "iptables -I INPUT -s {0} -p icmp -j ACCEPT; iptables -I OUTPUT -d {0} -p icmp -j ACCEPT"),
         ("rpc in", "1; reboot", ""),
