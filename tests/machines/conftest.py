@@ -4,6 +4,7 @@
 """Labs of virtual machines for the tests in this folder: with a kernel and udev of their own."""
 
 import contextlib
+import time
 
 import pytest
 from machines import virtual
@@ -21,6 +22,8 @@ class Machines(Lab):
         virtual.bring_up(name, hosts)
         self.connection = virtual.write_inventory(name, hosts)
         self.inventory = inventory or self.connection
+        for host in hosts:
+            self.set_clock(host.name)
 
     def run(self, host, command, check=True, stdin=None):
         """Run a shell command as root over a console, and return what it printed."""
@@ -34,6 +37,11 @@ class Machines(Lab):
     def reboot(self, host):
         """Let a machine reboot, and wait for it."""
         virtual.reboot(self.name, host)
+        self.set_clock(host)
+
+    def set_clock(self, host):
+        """Set the clock of a machine: its kernel read whole seconds at boot, so two machines may be a second apart."""
+        self.run(host, f"date -s @{time.time():.3f} >/dev/null")
 
 
 @contextlib.contextmanager
