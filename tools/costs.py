@@ -62,7 +62,7 @@ def find_moves(fault_id: str, change: float, cases: list[tuple[int, str, Any]]) 
 def _name_findings(trial: Any) -> tuple[str, ...]:
     found = harness.diagnose(trial.state.fleet, trial.observations).findings
     return tuple(
-        " or ".join(f"{part.fault.id} {part.place_text}" for part in (entry.part, *entry.rivals)) for entry in found
+        " or ".join(f"{one.fault.id} {one.place_text}" for one in (entry.component, *entry.rivals)) for entry in found
     )
 
 

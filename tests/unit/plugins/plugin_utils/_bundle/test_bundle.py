@@ -35,7 +35,7 @@ def again(bundle):
 
 def kinds(bundle):
     found = judge_run(bundle, pages=False, everything=False).diagnosis.findings
-    return sorted((entry.part.kind, entry.part.mode, entry.verdict, len(entry.rows)) for entry in found)
+    return sorted((entry.component.kind, entry.component.mode, entry.verdict, len(entry.rows)) for entry in found)
 
 
 @pytest.mark.parametrize("changes", [(), (fleets.wall,), (fleets.wall, fleets.second_default_route)])
