@@ -82,13 +82,16 @@ def ask(person: Person, names: typing.Sequence[str]) -> Answers:
         return {}
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
 def _read(told: typing.Any, names: typing.Sequence[str]) -> Seen:
     """Read the answer of a shell. Raises TypeError, ValueError, LookupError or AttributeError for anything else."""
     values, places = told
-    if not all(type(line) is int and 0 <= line < MOST_LINES for _file, line, _words in places.values()):
-        raise ValueError(
-            "no number of a line"
-        )  # an answer of this computer with such a number could be refused as a whole
+    # An answer of this computer with another number of a line could be refused as a whole.
+    if not all(_is_number(line) and 0 <= line < MOST_LINES for _file, line, _words in places.values()):
+        raise ValueError("no number of a line")
     return Seen(
         {name: str(values[name]) for name in names if name in values},
         {name: (plain(str(file)), line, str(words)) for name, (file, line, words) in sorted(places.items())},

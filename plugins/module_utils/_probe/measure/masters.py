@@ -82,7 +82,8 @@ def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) ->
             found.update(outcome=Outcome.FAILED.value, error=plain(str(problem)) or type(problem).__name__)
         else:
             # An answer with another number could be refused as a whole, with all that this computer has seen of others.
-            found["data_port"] = said if type(said) is int and 0 < said < 65536 else 0
+            is_port = isinstance(said, int) and not isinstance(said, bool) and 0 < said < 65536
+            found["data_port"] = said if is_port else 0
             answer = connect(host, found["data_port"], CONNECT) if found["data_port"] else None
             data = answer.outcome if answer else Outcome.FAILED
             error = "" if data == Outcome.OPEN else plain(answer.words) if answer else "its port is none"
