@@ -20,7 +20,7 @@ _WAIT = 'python3 -c "import os, rospy; rospy.init_node(os.uname().sysname); rosp
 
 @dataclass(frozen=True)
 class Wrong:
-    """What is wrong with a node: the variables with which it starts, what is done before it starts, and what it meets then."""
+    """A fault of a node: the variables with which it starts, what is done before it starts, and what it meets then."""
 
     title: str
     variables: Mapping[str, str] = field(default_factory=dict)

@@ -18,7 +18,7 @@ settings.register_profile("quick", settings.get_profile("rosfleet"), max_example
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """What is collected stays: to look through it for garbage again and again would take half the time."""
+    """Keep what is collected: to look through it for garbage again and again would take half the time."""
     gc.disable()
     try:
         return (yield)

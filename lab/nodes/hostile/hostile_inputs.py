@@ -98,7 +98,7 @@ def filters(rng):
 
 
 def unique(rng):
-    """A long filter that nobody has sent before."""
+    """Return a long filter, another one at each call."""
     word = rng.randrange(10**9)
     return "|".join(rf"\A/{word}_{number}\Z" for number in range(1000))
 

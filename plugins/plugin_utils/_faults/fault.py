@@ -20,7 +20,7 @@ PAGES = "https://github.com/rosfleet/multimaster/blob/main/docs/findings"
 
 
 class Advice(NamedTuple):
-    """What a person does, or looks at: a command for a place, a change of the inventory, or words.
+    """A step for a person, to do or to look at: a command for a place, a change of the inventory, or words.
 
     Texts of a row have {place}, {what}, {inventory} and {limit}.
     """

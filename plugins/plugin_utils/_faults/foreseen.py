@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What predict and watch find: ends of packets after site.yml (RF-7xx), losses during a watch (RF-8xx)."""
+"""The findings of predict and watch: ends of packets after site.yml (RF-7xx), losses during a watch (RF-8xx)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What it means for a fleet that a part of a kind is broken: a sentence or two for each kind."""
+"""The meaning for a fleet of a broken component of each kind: a sentence or two for each kind."""
 
 from __future__ import annotations
 

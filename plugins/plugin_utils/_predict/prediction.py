@@ -377,7 +377,7 @@ def write_verdict(prediction: Prediction) -> str:
     """Return the result in one sentence."""
     reach, total = prediction.count(after=REACHES), len(prediction.pairs)
     if not total:
-        return f"PREDICTED: no way, since there is none between {len(prediction.computers)} computers."
+        return f"PREDICTED: nothing, since there is no way to judge between {len(prediction.computers)} computers."
     changes = {
         "more than now": prediction.count(now=FAILS, after=REACHES),
         "that work now would not": prediction.count(now=REACHES, after=FAILS),

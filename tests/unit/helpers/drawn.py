@@ -9,5 +9,5 @@ from hypothesis import strategies as st
 
 
 def drawn(draw, *given):
-    """What `draw(random, *given)` gives."""
+    """Return the result of `draw(random, *given)`."""
     return st.integers(0, 2**32).map(lambda seed: draw(random.Random(seed), *given))

@@ -86,7 +86,7 @@ def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) ->
             found["data_port"] = said if is_port else 0
             answer = connect(host, found["data_port"], CONNECT) if found["data_port"] else None
             data = answer.outcome if answer else Outcome.FAILED
-            error = "" if data == Outcome.OPEN else plain(answer.words) if answer else "its port is none"
+            error = "" if data == Outcome.OPEN else plain(answer.words) if answer else "it told no valid port"
             return dict(found, outcome=Outcome.ANSWERED.value, data_outcome=data.value, error=error)
     return found
 

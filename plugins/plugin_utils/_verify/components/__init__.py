@@ -1,5 +1,5 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What can be broken, and what follows from what."""
+"""The components that can be broken, and which of them bring others down."""
 
 __all__ = ("component",)

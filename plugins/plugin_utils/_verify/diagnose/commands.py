@@ -150,7 +150,7 @@ def _accept_packets(computer: Participant, components: Sequence[Component], stat
 
 
 def _find_dropped(component: Component) -> tuple[Dropped | None, str, str]:
-    """Find the packets that a filter drops, their direction, and their port; a port that is none is empty."""
+    """Find the packets that a filter drops, their direction, and their port, which is empty if the rule names no valid one."""
     mode, _space, direction = component.mode.rpartition(" ")
     if direction not in CHAINS:
         mode, direction = component.mode, ""

@@ -22,7 +22,7 @@ CLEARED = (SUCCESS, GOOD_VALUE, PASSING_RULES, PASSED_TRACE, OWN_FINDING)
 
 @dataclass(frozen=True)
 class Evidence:
-    """What has shown a finding: a row, and what else was known of it."""
+    """The evidence of a finding: a row, and all else that was known of it."""
 
     kind: str
     rule: str  # the decision rule

@@ -16,7 +16,7 @@ LEFT, CAME, ENDS = "left", "came in", "ends"  # actions
 
 @dataclass(frozen=True)
 class TraceStep:
-    """What packets did at a computer, and by what."""
+    """A step of packets at a computer, and its evidence."""
 
     action: str
     detail: str

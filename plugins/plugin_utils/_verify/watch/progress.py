@@ -132,7 +132,7 @@ class FirstLoss:
 
     @property
     def advice(self) -> dict[str, Any]:
-        """What to do and what to look at, as plain data."""
+        """Return the steps to do and those to look at, as plain data."""
         do, look = (self.fault.fill(one, (self.observer,), "") for one in (self.fault.do, self.fault.look))
         return {"id": self.fault.id, "page": self.fault.page, "do": list_advices(do), "look": list_advices(look)}
 

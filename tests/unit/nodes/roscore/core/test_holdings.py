@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each robot has of the memory for registrations and parameters: always the sum of what it has made."""
+"""The memory that each robot holds for registrations and parameters: always the sum of what it has made."""
 
 import random
 import tracemalloc

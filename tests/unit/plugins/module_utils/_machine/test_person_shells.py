@@ -38,7 +38,7 @@ def write(person, name, *lines, end="\n"):
 
 
 def rows(person, planned=None):
-    """What is told of a person, as (file within the home folder, line, variable, value, shell)."""
+    """List the rows of a person, as (file within the home folder, line, variable, value, shell)."""
     files = shells._read_as((person.uid, person.gid), person.home, "/")
     parsed = [dict(entry, file=path) for path, content in files for entry in shells.assignments(content)]
     answers = person_shells.ask(person, NAMES)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who is who for a relay: this robot and its computers, the robots that a channel leads to, and everybody else."""
+"""The parties of a relay: this robot and its computers, the robots that a channel leads to, and everybody else."""
 
 from typing import Any, Callable, Container, Dict, Iterable, List, Mapping, Set
 

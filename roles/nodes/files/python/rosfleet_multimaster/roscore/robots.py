@@ -23,7 +23,7 @@ class Robots:
     """The robots of the fleet. `at` is asked in threads."""
 
     def __init__(self, path: str, tell: Callable[[Collection[str]], None]) -> None:
-        """`path`: of the file; "" for none. `tell(robots)`: they have changed, with who is none."""
+        """`path`: of the file; "" for none. `tell(robots)` is called after each change, with the robots and the names of those that are no robot."""
         self._path, self._members, self._tell = path, Members(), tell
         self._due, self._state = 0.0, (0, 0, 0)
 

@@ -18,7 +18,7 @@ GOOD = {"smcrouted": "/usr/sbin/smcrouted", "others": []}
 
 
 def look(found=None, same=False):
-    """What is read of a gateway, whose addresses may be on the same interface."""
+    """Return the facts of a gateway, whose addresses may be on the same interface."""
     entries = [
         [{"address": str(wanted.address), "prefix": wanted.network.prefixlen, "family": "inet"}]
         for wanted in PLAN.networks

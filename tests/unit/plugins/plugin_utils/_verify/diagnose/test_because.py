@@ -77,7 +77,7 @@ def test_a_trace_has_its_steps_as_values():
 
 @pytest.fixture(scope="module")
 def trials():
-    """What is found of one fault of each kind."""
+    """The diagnosis of one fault of each kind."""
     found = []
     for number, row in enumerate(faults.FAULTS):
         trial = harness.draw(number, [[row]])

@@ -108,7 +108,7 @@ def _weigh(value: Any, depth: int, name: str) -> int:
         return _LIST + 3 * len(data)
     time = getattr(value, "value", None)
     if isinstance(time, str) and not _TIME.match(time):  # xmlrpc.client.DateTime takes any text, and writes it as it is
-        raise BoundRefusal(f"{name} has a time that is none")
+        raise BoundRefusal(f"{name} has an invalid time")
     return _NUMBER if not isinstance(value, int) or -(2**63) <= value < 2**64 else _NUMBER + 800
 
 
@@ -187,7 +187,7 @@ def _growth(tree: Dict[str, Any], parts: Sequence[str], new: int) -> int:
 
 
 def weigh_member(name: str, value: Any) -> int:
-    """What a member of a mapping counts."""
+    """Return the bytes that a member of a mapping counts."""
     return _MEMBER + weigh_text(name) + weigh(value)
 
 
@@ -215,7 +215,7 @@ def check_names(texts: Iterable[Any], whole: bool = False) -> None:
 
 
 def weigh_record(record: Record) -> int:
-    """What the registration in a record counts."""
+    """Return the bytes that the registration in a record counts."""
     return weigh_registration(*record.texts) - (1000 if record.kind in ("node", "type") else 0)
 
 

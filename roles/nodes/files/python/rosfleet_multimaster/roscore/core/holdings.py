@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each robot has of the memory for registrations and parameters, so that no robot fills it for the others.
+"""The memory that each robot holds for registrations and parameters, so that no robot fills it for the others.
 
 The threat: any program of another robot, or of a stranger, registers nodes or sets parameters until the roscore takes no more.
 Who asks has a share, whatever it says in the request: a robot by all of its computers, and all strangers together. What it gives

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who has set which parameter: the other robots, each of which has a share of the memory for parameters.
+"""The setter of each parameter: the other robots, each of which has a share of the memory for parameters.
 
 It is a tree beside that of the parameters, with the names alone at which another owner begins. So it is never larger than that
 one, and empty where all is of this robot.
