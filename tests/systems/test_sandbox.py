@@ -75,7 +75,9 @@ def test_what_hangs_is_started_again_within_a_minute(watched):
             told = lab.run(FIRST, f"journalctl --unit {unit} --output cat --lines 2000")
             assert "Fatal Python error: Aborted" in told and "most recent call first" in told, "it says where it hung"
     ended = unit_ends.read_ends(lab.run(FIRST, shlex.join(unit_ends.list_words(units))).splitlines(), units)
-    assert {unit: (end.result, end.status) for unit, end in ended.items()} == dict.fromkeys(units, ("watchdog", 6))
+    assert {unit: end.result for unit, end in ended.items()} == dict.fromkeys(units, "watchdog")
+    # SIGABRT; SIGSEGV if Python met a thread that ran on while it wrote down where each thread was
+    assert {end.status for end in ended.values()} <= {6, 11}
     masters = (
         "timeout 20 bash -c 'until rosservice call /master_discovery/list_masters | grep -q %s; do sleep 0.2; done'"
     )
