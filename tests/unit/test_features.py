@@ -19,7 +19,7 @@ COLLECTION = "ansible_collections/rosfleet/multimaster"
 NEEDED = (
     *("plugins", "roles", "tests/unit/conftest.py", "tests/unit/test_layers.py", "tests/unit/plugins/plugin_utils"),
     "tests/unit/helpers",
-    *("inventory", "ruff.toml", "pytest.ini", "docs/develop/architecture.md", "docs/operate/verification.md"),
+    *("inventory", "ruff.toml", "pytest.ini", "docs/develop/architecture.md", "docs/operate/checks.md"),
 )
 #: of the rooms that have hooks; those that name the feature are left out
 TESTS = (

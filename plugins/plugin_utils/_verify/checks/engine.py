@@ -24,7 +24,7 @@ from ..observe.outcomes import Outcome
 OK, WARNING, FAILED, UNKNOWN = "ok", "warning", "failed", "unknown"
 VERDICTS = (OK, WARNING, FAILED, UNKNOWN)
 
-# The scope of a check: the targets that each observer looks at, in the words of docs/operate/verification.md.
+# The scope of a check: the targets that each observer looks at, in the words of docs/operate/checks.md.
 COMPUTER = "computer"  # the observer itself
 ITSELF_TOO = "pair, itself too"  # every member, and the observer
 MEMBER = "pair"  # every other member
@@ -89,7 +89,7 @@ Judge = Callable[[CheckContext], Judgement | None]
 class Check:
     """A check: its targets, its judge, and the meaning of its results for the components of the fleet. It decorates its judge.
 
-    docs/operate/verification.md says what each check expects, and where the report has it.
+    docs/operate/checks.md says what each check expects, and where the report has it.
 
     The judge is asked where `when` is true. It returns None where it finds nothing to judge, for example since a different check
     says it already. A check of what site.yml makes (`of_site`) is unknown on a computer that somebody set up by hand. A success

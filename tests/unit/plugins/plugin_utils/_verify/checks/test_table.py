@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The page of the verification has all checks, in their order."""
+"""The page of the checks has all of them, in their order."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
 
-PAGE = Path(__file__).resolve().parents[6] / "docs/operate/verification.md"
+PAGE = Path(__file__).resolve().parents[6] / "docs/operate/checks.md"
 ROW = re.compile(r"\| `(\w+)` \| ([^|]+) \| ([^|]+) \| ([^|]*)\|")
 
 
