@@ -13,7 +13,7 @@ from ..plugin_utils._verify.checks.engine import FAILED
 
 PARTS = (
     *("id", "page", "kind", "place", "mode", "what", "verdict", "sentence"),
-    *("do", "look", "remedy", "since"),
+    *("do", "look", "remedy", "decide", "since"),
 )
 
 

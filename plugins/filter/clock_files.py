@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: clock_files
 short_description: The files of chrony on a computer of the fleet
-version_added: "1.0.0"
+version_added: "1.1.0"
 description:
   - Renders the configuration of chrony, and the drop-in of its unit that leads to it.
   - Without a plan there is nothing to render, so the list is empty.

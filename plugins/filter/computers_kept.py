@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: computers_kept
 short_description: The computers behind a gateway or the router that have kept their routes
-version_added: "1.0.0"
+version_added: "1.1.0"
 description:
   - A computer that could not give its routes back is reached through its gateway and the router. So these two stay as they are.
     Gateways of other robots do not wait for it.

@@ -44,6 +44,7 @@ options:
     type: str
     default: ""
   reach:
+    version_added: "1.1.0"
     description: What shells, desktops and commands by ssh get. Services get all of it in any case.
     type: str
     choices:

@@ -49,17 +49,27 @@ options:
     type: str
     required: true
   files:
+    version_added: "1.1.0"
     description:
       - The code and the parameters of the nodes, each with C(path) and C(sha256). A change of a file restarts the services that read it.
       - C(roscore) reads some only where O(programs) has its lines. That one remembers what is registered.
     type: list
     elements: dict
-    required: true
+    default: []
+  nodes_digest:
+    description: Deprecated, see O(files). A change of it restarts C(discovery), C(connections), C(sync) and C(relay). It goes with version 2.0.0.
+    type: str
+    default: ""
+  code_digest:
+    description: Deprecated, see O(files). A change of it restarts C(roscore), if O(programs) has its lines. It goes with version 2.0.0.
+    type: str
+    default: ""
   metrics_folder:
     description: The folder that node_exporter reads, for C(metrics), for example V(/var/lib/prometheus/node-exporter).
     type: str
     default: ""
   tunnel_digest:
+    version_added: "1.1.0"
     description: The digest of the files of the tunnel; a change of it restarts C(tunnel).
     type: str
     default: ""
@@ -94,9 +104,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
+from ansible.utils.display import Display
 
 from ..plugin_utils._plan import quotes, units
 from ..plugin_utils._plan.model import UnitLines
+
+_NODES = ("discovery", "connections", "sync", "relay")  # the services of nodes_digest
 
 
 def service_units(
@@ -108,7 +121,9 @@ def service_units(
     roscore_port: int,
     programs: Mapping[str, Mapping[str, str]],
     environment_digest: str,
-    files: Sequence[Mapping[str, str]],
+    files: Sequence[Mapping[str, str]] = (),
+    nodes_digest: str = "",
+    code_digest: str = "",
     metrics_folder: str = "",
     tunnel_digest: str = "",
 ) -> list[dict[str, str]]:
@@ -119,6 +134,13 @@ def service_units(
         raise AnsibleFilterError(
             f"The services to run are {', '.join(names)}; expected some of {', '.join(known)}: "
             f"take {unknown[0]} out of services_list."
+        )
+    if nodes_digest or code_digest:
+        Display().deprecated(
+            "The options nodes_digest and code_digest of the filter service_units, and services_nodes_digest and services_code_digest of "
+            "the role services, have a successor: give files, or services_files, instead.",
+            version="2.0.0",
+            collection_name="rosfleet.multimaster",
         )
     try:
         return units.render_services(
@@ -131,7 +153,7 @@ def service_units(
             environment_digest=environment_digest,
             files={file["path"]: file["sha256"] for file in files},
             metrics_folder=metrics_folder,
-            digests={"tunnel": tunnel_digest},
+            digests={"tunnel": tunnel_digest, "roscore": code_digest, **dict.fromkeys(_NODES, nodes_digest)},
         )
     except quotes.Unquotable as problem:
         raise AnsibleFilterError(str(problem)) from problem

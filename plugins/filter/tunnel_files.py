@@ -9,7 +9,7 @@ from __future__ import annotations
 DOCUMENTATION = r"""
 name: tunnel_files
 short_description: The files of the tunnel on a computer
-version_added: "1.0.0"
+version_added: "1.1.0"
 description:
   - Renders the configuration of WireGuard without a private key. The rules against packets that come beside the tunnel are those of
     the packet filter.

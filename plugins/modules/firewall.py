@@ -40,6 +40,7 @@ options:
     elements: str
     default: []
   guards:
+    version_added: "1.1.0"
     description:
       - Networks whose addresses come in at one interface only, whoever is let in. Packets that come in elsewhere with such a source are
         dropped, whether they are for this computer or to be passed on, and whatever their port and protocol are.

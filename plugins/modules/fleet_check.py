@@ -25,6 +25,7 @@ options:
     type: dict
     required: true
   networks:
+    version_added: "1.1.0"
     description:
       - The networks of all robots, RV(rosfleet.multimaster.fleet_plan#module:networks). An interface of the machine with an address or
         a route in that of another robot is a problem, whichever route counts today.

@@ -139,6 +139,11 @@ remedy:
   returned: always
   type: str
   sample: "on the controller: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer (writes /etc/hosts)"
+decide:
+  description: Deprecated, see RV(look). The steps of RV(look) as one text. It goes with version 2.0.0.
+  returned: always
+  type: str
+  sample: "on kobuki1computer: getent ahostsv4 kobuki2computer"
 since:
   description: Since when it is so, if the computer reports it; else empty.
   returned: always

@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: fleet_keys
 short_description: Gather the public keys of the tunnel, and keep them
-version_added: "1.0.0"
+version_added: "1.1.0"
 description:
   - Takes what each computer reported of its own key by its own connection, and the keys that are kept in a file beside the inventory. So a run
     with C(--limit), and one without a robot that is lost, know the keys of all.

@@ -10,6 +10,7 @@ description:
   - Judges what the computers have registered so far, as M(rosfleet.multimaster.fleet_report) does. Where something failed and
     no value shows the reason, it chooses a packet for each way that fails, at most twelve, and the computers on these ways.
   - M(rosfleet.multimaster.multimaster_packet_trace) sends and sees these packets.
+  - Version 1.0.0 called it C(fleet_follow), a name that works as before.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
   - rosfleet.multimaster.results

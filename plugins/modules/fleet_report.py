@@ -70,6 +70,7 @@ options:
     type: str
     default: ""
   explain:
+    version_added: "1.1.0"
     description:
       - The numbers of findings, with commas, or V(all). After the report it is printed why each of them was made, in ten lines at most. They name the rule that
         decided, what has shown it, which results it explains, and the rivals with what cleared them.
@@ -304,6 +305,11 @@ findings:
       returned: always
       type: str
       sample: "on the controller: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer (writes /etc/hosts)"
+    decide:
+      description: Deprecated, see RV(findings[].look). The steps of RV(findings[].look) as one text. It goes with version 2.0.0.
+      returned: always
+      type: str
+      sample: "on kobuki1computer: getent ahostsv4 kobuki2computer"
     since:
       description: Since when it is so, if the computer reports it; else empty.
       returned: always

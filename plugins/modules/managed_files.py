@@ -52,6 +52,7 @@ options:
         type: bool
         default: false
       restart:
+        version_added: "1.1.0"
         description: Whether it is started again instead, after systemd has read its units, for example V(true) for a service that cannot be reloaded.
         type: bool
         default: false

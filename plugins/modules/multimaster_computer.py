@@ -28,6 +28,7 @@ options:
     description: The options of M(rosfleet.multimaster.firewall).
     type: dict
   tunnel:
+    version_added: "1.1.0"
     description: The options of M(rosfleet.multimaster.tunnel).
     type: dict
   hosts_entries:
@@ -80,6 +81,7 @@ options:
         elements: str
         default: []
       reach:
+        version_added: "1.1.0"
         description: What shells are to get of them and of the folders of the collection.
         type: str
         choices:

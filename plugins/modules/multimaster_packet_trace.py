@@ -14,6 +14,7 @@ description:
     task is through on every computer before the next one begins.
   - A listener sees packets of this O(run), ICMP errors and ARP messages alone, 500 of each protocol at most and 100 of one sender.
     It is in no promiscuous mode, and ends by itself after O(lifetime), also where the controller has vanished.
+  - Version 1.0.0 called it C(multimaster_follow), a name that works as before.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe
 attributes:

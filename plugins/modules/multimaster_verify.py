@@ -258,10 +258,12 @@ options:
         type: dict
         default: {}
       master_relay:
+        version_added: "1.1.0"
         description: Those of C(/master_relay), which it reads from C(/etc/rosfleet-multimaster/master_relay.json).
         type: dict
         default: {}
   crossing:
+    version_added: "1.1.0"
     description:
       - Parameters that this robot gives to others, or gets of them, for example V(/robot_description). Their digests on this robot's
         roscore are returned; see RV(parameters.crossing).

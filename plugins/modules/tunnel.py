@@ -5,7 +5,7 @@
 DOCUMENTATION = r"""
 module: tunnel
 short_description: Bring the tunnel of a computer to its plan, and take it back where it cuts the controller off
-version_added: "1.0.0"
+version_added: "1.1.0"
 description:
   - Owns the files of C(multimaster-tunnel.service), as M(rosfleet.multimaster.managed_files) owns a bundle. That unit starts by them;
     M(rosfleet.multimaster.managed_services) starts it again.

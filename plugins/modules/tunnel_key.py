@@ -6,7 +6,7 @@
 DOCUMENTATION = r"""
 module: tunnel_key
 short_description: Make the key of a computer in the tunnel, and return its public half
-version_added: "1.0.0"
+version_added: "1.1.0"
 description:
   - Makes a private key of WireGuard on a computer that has none. The key stays there, and no answer and no difference shows it.
   - A new key waits in a file beside the one in use, whose name ends in C(.next). M(rosfleet.multimaster.tunnel) takes it into use with

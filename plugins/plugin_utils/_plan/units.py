@@ -239,15 +239,16 @@ def render_services(
     `files`: those of the nodes, code and parameters, path -> digest. A service restarts where one of its inputs changes: the
     environment, where it has one, and the files that it reads. The bundled roscore remembers, so a restart costs nothing. If
     the roscore of ROS restarts, every node loses its registration, so that one depends on the environment alone.
-    `digests`: those of the inputs of optional features, by the service that depends on them.
+    `digests`: those of further inputs, as of optional features, by the service that depends on them.
     """
     units = []
     for name in names:
         environment = environment_digest if name in ("roscore", *NODES) else ""
         read = [f"{path} {digest}\n" for path, digest in sorted(files.items()) if reads(name, path)]
-        shared = {"robot": quotes.escape_text(robot), "inputs": _digest(environment, *read)}
+        other = (digests or {}).get(name, "")
+        shared = {"robot": quotes.escape_text(robot), "inputs": _digest(environment, *read, *filter(None, [other]))}
         if name in OF_FEATURES:
-            values = {**shared, "inputs": quotes.escape_text((digests or {}).get(name, ""))}
+            values = {**shared, "inputs": quotes.escape_text(other)}
             text = complete(OF_FEATURES[name], **values)
         elif name == "address":
             text = complete(_ADDRESS, **shared, address=ipaddress.IPv4Address(address), protocol=ROUTE_PROTOCOL)

@@ -55,6 +55,7 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "do": list_advices(entry.do),
             "look": list_advices(entry.look),
             "remedy": write_advices(entry.do or entry.look),
+            "decide": write_advices(entry.look or entry.do),  # until version 2.0.0
             "sure": entry.sure,
             "followed": [end.words for end in entry.followed],
             "ways": [to_plain(end.way) for end in entry.followed],

@@ -12,6 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.action import fleet_findin
 FINDING = {
     "sentence": "a link is down",
     "remedy": "plug it in",
+    "decide": "ip link",
     "verdict": "failed",
     "place": "tibi-nav",
     "seen": [1, 2],
@@ -32,7 +33,7 @@ def test_a_finding_fails_where_checks_failed(verdict, failed):
     assert (
         result["failed"] is failed and result["msg"] == "a link is down; plug it in" and result["place"] == "tibi-nav"
     )
-    assert "seen" not in result
+    assert result["decide"] == "ip link" and "seen" not in result
 
 
 @pytest.mark.parametrize("finding", [None, {}, [1], {"sentence": "x"}])

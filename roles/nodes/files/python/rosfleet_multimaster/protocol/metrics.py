@@ -11,7 +11,7 @@ from typing import Dict, List, Mapping, NamedTuple, Sequence, Tuple
 from .plain_text import plain
 
 PREFIX = "multimaster_"  # of all names, as Prometheus has them
-VERSION = "1.0.0"  # of the collection; galaxy.yml has the same
+VERSION = "1.1.0"  # of the collection; galaxy.yml has the same
 LABEL = 100  # characters of the value of a label
 MOST = 1000  # lines of one metric
 REASONS = ("node", "service", "type", "place", "limit", "parameter")  # kinds of refusals

@@ -47,6 +47,7 @@ def test_what_is_wrong_is_told_and_every_link_leads_somewhere():
     entry = report.document["findings"][0]
     assert entry["sentence"] in page.text and entry["id"] in page.text
     assert all(one["text"] in page.text for one in (*entry["do"], *entry["look"]))
+    assert entry["look"] and all(one["text"] in entry["decide"] for one in entry["look"])
     assert (
         "Something is wrong." in page.text and "Since 2026-11-21 14:02" in page.text and "tibi-nav is new" in page.text
     )
