@@ -57,7 +57,8 @@ def _write_fields(struct: type[Struct]) -> Iterator[str]:
 def _describe(entry: Field) -> Mapping[str, str]:
     kind = make_kind(entry.kind)
     elements = {"elements": kind.each.type} if kind.type == "list" and kind.each else {}
-    return {"description": entry.text, "returned": entry.returned, "type": kind.type, **elements}
+    added = {"version_added": entry.added} if entry.added else {}
+    return {"description": entry.text, **added, "returned": entry.returned, "type": kind.type, **elements}
 
 
 def _dump(value: Any, flow: bool = True) -> str:

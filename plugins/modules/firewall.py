@@ -164,6 +164,7 @@ networks:
       returned: always
       sample: changed
 guards:
+  version_added: "1.1.0"
   description: What was found and done per guard.
   returned: always, unless an option is wrong
   type: list
@@ -214,6 +215,7 @@ unconfirmed:
   type: bool
   sample: false
 confirm_within:
+  version_added: "1.1.0"
   description: Seconds for which the machine waits for the confirmation, more than was asked for after a slow run, and 0 if nothing waits.
   returned: always, unless an option is wrong
   type: int

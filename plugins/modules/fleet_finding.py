@@ -45,11 +45,13 @@ EXAMPLES = r"""
 
 RETURN = r"""
 id:
+  version_added: "1.1.0"
   description: The kind of the fault. It never changes its meaning.
   returned: always
   type: str
   sample: RF-202
 page:
+  version_added: "1.1.0"
   description: The address of the page about it.
   returned: always
   type: str
@@ -85,6 +87,7 @@ sentence:
   type: str
   sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
 do:
+  version_added: "1.1.0"
   description: What to do, step by step. Empty if the finding is only inferred.
   returned: always
   type: list
@@ -110,6 +113,7 @@ do:
       type: str
       sample: writes /etc/hosts
 look:
+  version_added: "1.1.0"
   description: What to look at if that does not help, or if the finding is only inferred. It changes nothing.
   returned: always
   type: list

@@ -151,6 +151,7 @@ flows:
       elements: str
       sample: [/tibi/reset]
     parameters:
+      version_added: "1.1.0"
       description: The parameters that are copied, each with all that is below its name.
       returned: where there are any
       type: list

@@ -90,6 +90,7 @@ assumed:
   elements: str
   sample: [192.168.11.1]
 refused:
+  version_added: "1.1.0"
   description: The computers that have failed in this play, such as those that preflight refused. They are left out.
   returned: success
   type: list
@@ -138,6 +139,7 @@ ways:
       type: str
       sample: a packet filter on tibi-visio drops ping
     id:
+      version_added: "1.1.0"
       description: The id of the reason, with a page in docs/findings, or empty.
       returned: always
       type: str

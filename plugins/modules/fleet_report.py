@@ -211,11 +211,13 @@ findings:
       follows: 3
   contains:
     id:
+      version_added: "1.1.0"
       description: The kind of the fault. It never changes its meaning.
       returned: always
       type: str
       sample: RF-202
     page:
+      version_added: "1.1.0"
       description: The address of the page about it.
       returned: always
       type: str
@@ -251,6 +253,7 @@ findings:
       type: str
       sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
     do:
+      version_added: "1.1.0"
       description: What to do, step by step. Empty if the finding is only inferred.
       returned: always
       type: list
@@ -276,6 +279,7 @@ findings:
           type: str
           sample: writes /etc/hosts
     look:
+      version_added: "1.1.0"
       description: What to look at if that does not help, or if the finding is only inferred. It changes nothing.
       returned: always
       type: list
@@ -322,6 +326,7 @@ findings:
       elements: dict
       sample: []
     because:
+      version_added: "1.1.0"
       description: Why the finding was made. Empty beyond the first fifty findings.
       returned: always
       type: dict

@@ -54,6 +54,7 @@ first_loss:
   type: str
   sample: "First loss at 12:31:05, 4:21 after the start: dabo-nav hears no heartbeat of tibi-nav on the group [RF-813]."
 advice:
+  version_added: "1.1.0"
   description:
     - For the first loss, its C(id), the C(page) about it, and what to C(do) and to C(look) at, as M(rosfleet.multimaster.fleet_report) has them.
     - Empty if nothing was lost.

@@ -210,9 +210,9 @@ interfaces:
     loopback: {description: Whether it is the loopback interface., returned: always, type: bool}
     mtu: {description: 'The largest packet, in bytes.', returned: always, type: int}
     port_of: {description: 'The bridge or bond of which it is a port, or empty. What comes in at a port belongs to the interface
-          above it.', returned: always, type: str}
+          above it.', version_added: 1.1.0, returned: always, type: str}
     macvlan_of: {description: 'The interface below it, where it is a macvlan, or empty. Both answer ARP for each address of the
-          machine.', returned: always, type: str}
+          machine.', version_added: 1.1.0, returned: always, type: str}
     point_to_point: {description: 'Whether it is one end of a link with two ends, such as a tunnel.', returned: always, type: bool}
     addresses: {description: Its addresses., returned: always, type: list, elements: dict}
 ways:
@@ -255,7 +255,7 @@ forwarding:
     icmp_echo_ignore_all: {description: 'C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot
           be read.', returned: always, type: int}
     macs: {description: 'The hardware addresses of all interfaces that are up, also of those without an address, such as
-          the ports of a bridge.', returned: always, type: list, elements: str}
+          the ports of a bridge.', version_added: 1.1.0, returned: always, type: list, elements: str}
 filters:
   description: The packet filter of nftables, also what iptables has made of it, as far as it can be read simply.
   returned: with the part V(filters)
@@ -267,8 +267,8 @@ filters:
     readable: {description: Whether C(nft) is there and prints its rules., returned: always, type: bool}
     chains: {description: 'The chains that may drop or translate packets, in the order in which a packet meets them, without
           the collection''s own.', returned: always, type: list, elements: dict}
-    arp: {description: 'The family and the name of each table that drops ARP, whoever asks or answers.', returned: always,
-        type: list, elements: str}
+    arp: {description: 'The family and the name of each table that drops ARP, whoever asks or answers.', version_added: 1.1.0,
+        returned: always, type: list, elements: str}
 multicast_routing:
   description: What passes multicast on between interfaces.
   returned: with the part V(multicast_routing)
@@ -280,6 +280,7 @@ multicast_routing:
         returned: always, type: list, elements: str}
 clock:
   description: The time services of this machine.
+  version_added: 1.1.0
   returned: with the part V(clock)
   type: dict
   sample: {chronyd: /usr/sbin/chronyd, enabled: true, settable: true, others: [{service: systemd-timesyncd.service, file: /etc/systemd/timesyncd.conf,
@@ -298,6 +299,7 @@ clock:
         returned: always, type: bool}
 tunnel:
   description: What a tunnel of WireGuard needs.
+  version_added: 1.1.0
   returned: with the part V(tunnel)
   type: dict
   sample: {kernel: true, device: true}
@@ -415,9 +417,10 @@ exports:
           that is a plain word.', returned: always, type: str}
     text: {description: 'The statement in the line, or what the shell has made of it; other variables are without their
           values.', returned: always, type: str}
-    person: {description: 'The person whose shell was asked, and has the value; empty where none was asked.', returned: always,
+    person: {description: 'The person whose shell was asked, and has the value; empty where none was asked.', version_added: 1.1.0,
+        returned: always, type: str}
+    shell: {description: 'V(interactive), V(login), or empty where no shell was asked.', version_added: 1.1.0, returned: always,
         type: str}
-    shell: {description: 'V(interactive), V(login), or empty where no shell was asked.', returned: always, type: str}
 sshd:
   description: The ssh server.
   returned: with the part V(sshd)

@@ -443,7 +443,7 @@ forwarding:
     icmp_echo_ignore_all: {description: 'C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot
           be read.', returned: always, type: int}
     macs: {description: 'The hardware addresses of all interfaces that are up, also of those without an address, such as
-          the ports of a bridge.', returned: always, type: list, elements: str}
+          the ports of a bridge.', version_added: 1.1.0, returned: always, type: list, elements: str}
 masters:
   description: The discovery node of every master.
   returned: when O(action=collect)
@@ -488,9 +488,9 @@ roscore:
     error: {description: 'Why there was no answer, or empty.', returned: always, type: str}
     outcome: {description: 'The same as one word, V(answered), or as RV(masters[].outcome).', returned: always, type: str}
     tcp_outcome: {description: 'Where no answer came, what a TCP connection to it gave, a word of RV(masters[].outcome). V(open)
-          where the kernel takes it.', returned: always, type: str}
+          where the kernel takes it.', version_added: 1.1.0, returned: always, type: str}
     waiting: {description: 'Where no answer came, how many connections wait at its port to be taken, null where it is not on
-          this computer.', returned: always, type: int}
+          this computer.', version_added: 1.1.0, returned: always, type: int}
 list_masters:
   description: What C(rosservice call /master_discovery/list_masters) prints on this computer.
   returned: when O(action=collect)
@@ -580,10 +580,12 @@ exchange:
         elements: str}
     silences: {description: 'The same, with the reason of each.', returned: always, type: list, elements: dict}
     announced: {description: 'The robot''s own nodes that announce another host than the planned names and addresses of their
-          robot, or whose services are on another computer, 100 at most.', returned: always, type: list, elements: dict}
+          robot, or whose services are on another computer, 100 at most.', version_added: 1.1.0, returned: always, type: list,
+        elements: dict}
     unreached: {description: 'The nodes of other robots that are registered here, and to whose port no TCP connection opens from
-          here; of more than 300, one of every so many is tried.', returned: always, type: list, elements: dict}
-    nodes: {description: The number of the robot's own nodes., returned: always, type: dict}
+          here; of more than 300, one of every so many is tried.', version_added: 1.1.0, returned: always, type: list,
+        elements: dict}
+    nodes: {description: The number of the robot's own nodes., version_added: 1.1.0, returned: always, type: dict}
     connections: {description: 'The connections of the robot''s own nodes with nodes of other robots, by C(getBusInfo).', returned: always,
         type: list, elements: dict}
 traffic:
@@ -599,6 +601,7 @@ traffic:
 relays:
   description: 'The relays of other robots with which the relay of this robot has a channel by O(parameters.master_relay):
     are they reached, and the ports of their data.'
+  version_added: 1.1.0
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -623,9 +626,9 @@ parameters:
   contains:
     nodes: {description: The nodes whose parameters were compared., returned: always, type: list, elements: str}
     differing: {description: The parameters with another value than planned., returned: always, type: list, elements: dict}
-    crossing: {description: The parameters of O(crossing)., returned: always, type: list, elements: dict}
-    simulated: {description: 'Whether C(/use_sim_time) is true, so that nodes take their time from C(/clock).', returned: always,
-        type: bool}
+    crossing: {description: The parameters of O(crossing)., version_added: 1.1.0, returned: always, type: list, elements: dict}
+    simulated: {description: 'Whether C(/use_sim_time) is true, so that nodes take their time from C(/clock).', version_added: 1.1.0,
+        returned: always, type: bool}
     error: {description: 'Why they could not be read, or empty.', returned: always, type: str}
 clock:
   description: The clock of this computer.
@@ -636,13 +639,15 @@ clock:
   contains:
     synchronised: {description: 'Whether something keeps it right, such as chrony, as the kernel knows it; null where it does not
           tell.', returned: always, type: bool}
-    answers: {description: 'Whether a time service answers, or null where none was asked.', returned: always, type: bool}
-    service: {description: 'The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.', returned: always,
-        type: str}
+    answers: {description: 'Whether a time service answers, or null where none was asked.', version_added: 1.1.0, returned: always,
+        type: bool}
+    service: {description: 'The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.', version_added: 1.1.0,
+        returned: always, type: str}
     sources: {description: 'The sources of time that it has, at most 32. Those without an address, such as a radio clock, are
-          left out.', returned: always, type: list, elements: dict}
+          left out.', version_added: 1.1.0, returned: always, type: list, elements: dict}
 tunnel:
   description: The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for.
+  version_added: 1.1.0
   returned: when O(action=collect)
   type: dict
   sample: {up: true, public_key: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=, port: 51820, time_s: 1764147600.0, mtu: 1420,
@@ -694,6 +699,7 @@ node_hosts:
   description: Processes of ROS on this computer that announce another host than its planned name and addresses,
     use another roscore than planned, or are stopped, and those of which this cannot be read, 100 at most. A node
     announces the host of C(ROS_HOSTNAME) or C(ROS_IP), or else the name of the computer.
+  version_added: 1.1.0
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -755,8 +761,8 @@ services:
         type: bool}
     refused: {description: 'The names of other robots that this service refuses, as master_sync tells systemd.', returned: always,
         type: list, elements: str}
-    refusals: {description: 'The same names with the reasons, 50 at most; a master_sync of an older release tells none.', returned: always,
-        type: list, elements: dict}
+    refusals: {description: 'The same names with the reasons, 50 at most; a master_sync of an older release tells none.', version_added: 1.1.0,
+        returned: always, type: list, elements: dict}
     age_s: {description: 'The seconds since its last start, by a clock of this computer that nobody steps, or null.', returned: always,
         type: float}
     open_files: {description: 'How many files its process with the fewest left has open, or null where it cannot be looked at.',
@@ -764,9 +770,9 @@ services:
     most_files: {description: 'How many files this process may have open (C(RLIMIT_NOFILE)), or null.', returned: always, type: int}
     result: {description: 'How it ended last, where systemd has started it again, or it has failed. C(Result) of systemd,
           such as V(oom-kill), V(signal) or V(exit-code), or V(watchdog) where multimaster-watchdog.service has ended
-          it. Empty where nothing is known.', returned: always, type: str}
-    status: {description: 'The exit status of its process then, or the number of the signal that ended it, or null.', returned: always,
-        type: int}
+          it. Empty where nothing is known.', version_added: 1.1.0, returned: always, type: str}
+    status: {description: 'The exit status of its process then, or the number of the signal that ended it, or null.', version_added: 1.1.0,
+        returned: always, type: int}
 next_boot:
   description: What works now, or not, and will not be as O(boot) and O(services) say after the next boot.
   returned: when O(action=collect)

@@ -284,6 +284,7 @@ unconfirmed:
   type: bool
   sample: false
 confirm_within:
+  version_added: "1.1.0"
   description: Seconds for which the machine waits for the confirmation, more than was asked for after a slow run, and 0 if nothing waits.
   returned: always, unless an option is wrong
   type: int

@@ -26,10 +26,15 @@ class ClockState(Struct):
     synchronised: typing.Optional[bool] = field(
         "Whether something keeps it right, such as chrony, as the kernel knows it; null where it does not tell.", True
     )
-    answers: typing.Optional[bool] = field("Whether a time service answers, or null where none was asked.", True)
+    answers: typing.Optional[bool] = field(
+        "Whether a time service answers, or null where none was asked.", True, added="1.1.0"
+    )
     service: str = field(
-        "The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.", "chrony"
+        "The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.",
+        "chrony",
+        added="1.1.0",
     )
     sources: typing.Tuple[TimeSource, ...] = field(
-        "The sources of time that it has, at most 32. Those without an address, such as a radio clock, are left out."
+        "The sources of time that it has, at most 32. Those without an address, such as a radio clock, are left out.",
+        added="1.1.0",
     )

@@ -54,7 +54,8 @@ class ServiceState(Struct):
         "The names of other robots that this service refuses, as master_sync tells systemd.", []
     )
     refusals: typing.Tuple[RefusedName, ...] = field(
-        "The same names with the reasons, 50 at most; a master_sync of an older release tells none."
+        "The same names with the reasons, 50 at most; a master_sync of an older release tells none.",
+        added="1.1.0",
     )
     age_s: typing.Optional[float] = field(
         "The seconds since its last start, by a clock of this computer that nobody steps, or null.", 86400.5
@@ -69,9 +70,11 @@ class ServiceState(Struct):
         "How it ended last, where systemd has started it again, or it has failed. C(Result) of systemd, such as V(oom-kill), V(signal) "
         "or V(exit-code), or V(watchdog) where multimaster-watchdog.service has ended it. Empty where nothing is known.",
         "",
+        added="1.1.0",
     )
     status: typing.Optional[int] = field(
-        "The exit status of its process then, or the number of the signal that ended it, or null."
+        "The exit status of its process then, or the number of the signal that ended it, or null.",
+        added="1.1.0",
     )
 
 

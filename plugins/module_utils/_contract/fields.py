@@ -32,6 +32,7 @@ class Field(typing.NamedTuple):
     needed: bool  # there is no default
     returned: str  # when; "always" and "success" are promises
     kept: bool  # the controller's checks read it
+    added: str  # the version of the collection that brought it, empty for that of the module
 
 
 def field(
@@ -42,6 +43,7 @@ def field(
     needed: bool = False,
     returned: str = "",
     kept: bool = True,
+    added: str = "",
 ) -> typing.Any:
     """Describe a field of a Struct.
 
@@ -49,7 +51,7 @@ def field(
     one of the type: null where that is allowed, else an empty text, list or Struct, false, 0, or the first word.
     With `kept=False` it is for people, and for modules that call this one.
     """
-    return Field(None, text, sample, default, needed, returned, kept)
+    return Field(None, text, sample, default, needed, returned, kept, added)
 
 
 def list_arguments(kind: typing.Any) -> typing.Tuple[typing.Any, ...]:

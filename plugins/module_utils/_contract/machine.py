@@ -48,9 +48,12 @@ class InterfaceFacts(Struct):
     port_of: str = field(
         "The bridge or bond of which it is a port, or empty. What comes in at a port belongs to the interface above it.",
         "",
+        added="1.1.0",
     )
     macvlan_of: str = field(
-        "The interface below it, where it is a macvlan, or empty. Both answer ARP for each address of the machine.", ""
+        "The interface below it, where it is a macvlan, or empty. Both answer ARP for each address of the machine.",
+        "",
+        added="1.1.0",
     )
     point_to_point: bool = field("Whether it is one end of a link with two ends, such as a tunnel.", False)
     addresses: typing.Tuple[InterfaceAddress, ...] = field("Its addresses.")
@@ -159,8 +162,10 @@ class ExportLine(Struct):
         "The statement in the line, or what the shell has made of it; other variables are without their values.",
         "export ROS_MASTER_URI=http://localhost:11311",
     )
-    person: str = field("The person whose shell was asked, and has the value; empty where none was asked.", "robot")
-    shell: str = field("V(interactive), V(login), or empty where no shell was asked.", "interactive")
+    person: str = field(
+        "The person whose shell was asked, and has the value; empty where none was asked.", "robot", added="1.1.0"
+    )
+    shell: str = field("V(interactive), V(login), or empty where no shell was asked.", "interactive", added="1.1.0")
 
 
 class SetEnv(Struct):
@@ -268,8 +273,10 @@ class MachineFacts(Struct):
     multicast_routing: MulticastRouter = field(
         "What passes multicast on between interfaces.", returned="with the part V(multicast_routing)"
     )
-    clock: TimeServices = field("The time services of this machine.", returned="with the part V(clock)")
-    tunnel: TunnelSupport = field("What a tunnel of WireGuard needs.", returned="with the part V(tunnel)")
+    clock: TimeServices = field("The time services of this machine.", returned="with the part V(clock)", added="1.1.0")
+    tunnel: TunnelSupport = field(
+        "What a tunnel of WireGuard needs.", returned="with the part V(tunnel)", added="1.1.0"
+    )
     ros: RosFacts = field("ROS 1 on this machine.", returned="with the part V(ros)")
     folders: typing.Tuple[str, ...] = field(
         "Those of O(folders) that are there, and are folders.",

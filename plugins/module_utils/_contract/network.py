@@ -217,6 +217,7 @@ class ForwardingSettings(Struct):
     macs: typing.Tuple[str, ...] = field(
         "The hardware addresses of all interfaces that are up, also of those without an address, such as the ports of a bridge.",
         ["02:42:c0:a8:01:c9"],
+        added="1.1.0",
     )
 
 
@@ -291,5 +292,7 @@ class FilterChains(Struct):
         "The chains that may drop or translate packets, in the order in which a packet meets them, without the collection's own."
     )
     arp: typing.Tuple[str, ...] = field(
-        "The family and the name of each table that drops ARP, whoever asks or answers.", ["arp filter"]
+        "The family and the name of each table that drops ARP, whoever asks or answers.",
+        ["arp filter"],
+        added="1.1.0",
     )

@@ -22,10 +22,12 @@ class RoscoreAnswer(Struct):
     tcp_outcome: Outcome = field(
         "Where no answer came, what a TCP connection to it gave, a word of RV(masters[].outcome). V(open) where the kernel takes it.",
         "not_tried",
+        added="1.1.0",
     )
     waiting: typing.Optional[int] = field(
         "Where no answer came, how many connections wait at its port to be taken, null where it is not on this computer.",
         None,
+        added="1.1.0",
     )
 
 
@@ -236,14 +238,16 @@ class Exchange(Struct):
     silences: typing.Tuple[SilentNode, ...] = field("The same, with the reason of each.", [])
     announced: typing.Tuple[AnnouncedHost, ...] = field(
         "The robot's own nodes that announce another host than the planned names and addresses of their robot, or whose services are on"
-        " another computer, 100 at most."
+        " another computer, 100 at most.",
+        added="1.1.0",
     )
     unreached: typing.Tuple[UnreachedNode, ...] = field(
         "The nodes of other robots that are registered here, and to whose port no TCP connection opens from here; of more than 300, one of "
         "every so many is tried.",
         [],
+        added="1.1.0",
     )
-    nodes: NodeCount = field("The number of the robot's own nodes.")
+    nodes: NodeCount = field("The number of the robot's own nodes.", added="1.1.0")
     connections: typing.Tuple[NodeConnection, ...] = field(
         "The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo)."
     )
@@ -295,8 +299,10 @@ class NodeParameters(Struct):
         "The nodes whose parameters were compared.", ["master_discovery", "master_sync"]
     )
     differing: typing.Tuple[ParameterDifference, ...] = field("The parameters with another value than planned.")
-    crossing: typing.Tuple[CrossingParameter, ...] = field("The parameters of O(crossing).")
-    simulated: bool = field("Whether C(/use_sim_time) is true, so that nodes take their time from C(/clock).", False)
+    crossing: typing.Tuple[CrossingParameter, ...] = field("The parameters of O(crossing).", added="1.1.0")
+    simulated: bool = field(
+        "Whether C(/use_sim_time) is true, so that nodes take their time from C(/clock).", False, added="1.1.0"
+    )
     error: str = field("Why they could not be read, or empty.", "")
 
 

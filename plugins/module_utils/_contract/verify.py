@@ -69,12 +69,14 @@ class Probe(Struct, returned="when O(action=collect)"):
     )
     relays: typing.Tuple[SeenRelay, ...] = field(
         "The relays of other robots with which the relay of this robot has a channel by O(parameters.master_relay): are they reached, and "
-        "the ports of their data."
+        "the ports of their data.",
+        added="1.1.0",
     )
     parameters: NodeParameters = field("The parameters of the nodes on the roscore, compared with O(parameters).")
     clock: ClockState = field("The clock of this computer.")
     tunnel: SeenTunnel = field(
-        "The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for."
+        "The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for.",
+        added="1.1.0",
     )
     disks: typing.Tuple[Disk, ...] = field(
         "The room that is left for others than root where services write, each file system once."
@@ -88,7 +90,8 @@ class Probe(Struct, returned="when O(action=collect)"):
     node_hosts: typing.Tuple[NodeHost, ...] = field(
         "Processes of ROS on this computer that announce another host than its planned name and addresses, use another roscore than "
         "planned, or are stopped, and those of which this cannot be read, 100 at most. A node announces the host of C(ROS_HOSTNAME) or "
-        "C(ROS_IP), or else the name of the computer."
+        "C(ROS_IP), or else the name of the computer.",
+        added="1.1.0",
     )
     changes: typing.Tuple[RecentChange, ...] = field(
         "When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has"
