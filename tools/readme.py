@@ -50,12 +50,13 @@ class Table(NamedTuple):
 
 def list_measured_tables() -> Iterator[Table]:
     """List the tables of the figures that are kept in the tree."""
-    page, network, grown = "docs/understand/performance.md", in_tree.read("network"), in_tree.read("growth")
+    page, bench = "docs/understand/performance.md", "tests/bench/{}/README.md"
+    network, grown = in_tree.read("network"), in_tree.read("growth")
     sources = [str((in_tree.FOLDER / f"{name}.json").relative_to(ROOT)) for name in ("network", "growth")]
     yield Table(page, "network", sources[0], lambda: figures.table(network["systems"], network["titles"]))
-    yield Table(page, "crowd", sources[0], lambda: figures.crowd_table(network["crowd"]))
-    yield Table(page, "site", sources[1], lambda: growth.site_table(grown))
-    yield Table(page, "functions", sources[1], lambda: growth.functions_table(grown))
+    yield Table(bench.format("network"), "crowd", sources[0], lambda: figures.crowd_table(network["crowd"]))
+    yield Table(bench.format("site"), "site", sources[1], lambda: growth.site_table(grown))
+    yield Table(bench.format("site"), "functions", sources[1], lambda: growth.functions_table(grown))
 
 
 def main() -> int:

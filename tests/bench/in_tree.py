@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The figures that are kept in the tree, since the pictures and tables of docs/understand/performance.md are made of them."""
+"""The figures that are kept in the tree, since pictures and tables of docs/understand/performance.md and of the pages beside are made of them."""
 
 from __future__ import annotations
 

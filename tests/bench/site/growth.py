@@ -8,7 +8,7 @@ python tests/bench/site/growth.py [--keep]
 The computers of the second run are not there: the connection `recorded` gives the answers of a real one that is as
 planned, at once. So one machine shows 100 computers, and all that is measured is the controller's work. Plan and
 judgement are the functions behind the actions, on observations of a fleet in which everything works. Writes
-.work/bench/growth.json and growth.png, with --keep to docs/understand/performance; `make readme` then writes the tables of the page.
+.work/bench/growth.json and growth.png, with --keep to docs/understand/performance; `make readme` then writes the tables of README.md.
 """
 
 from __future__ import annotations
