@@ -101,6 +101,20 @@ def test_failures_come_first_and_the_page_fits_the_window(browser, pages, width)
     assert browser.js("document.documentElement.scrollWidth") <= width
 
 
+@pytest.mark.parametrize(("width", "height"), [(1300, 800), (390, 844)])
+@pytest.mark.parametrize("state", ["wrong", "followed", "large"])
+def test_the_first_screen_tells_what_to_do(browser, pages, state, width, height):
+    """The verdict, the robots, and the first finding with its first action, without scrolling."""
+    browser.open(pages / f"{state}.html", width=width, height=height)
+    bottoms = browser.js(
+        "['.result', '.robots', '#finding-1 h3', '#finding-1 strong + p, #finding-1 p:has(strong) + *']"
+        ".map(name => document.querySelector(name).getBoundingClientRect().bottom)"
+    )
+    assert bottoms == sorted(bottoms) and 0 < bottoms[0] and bottoms[-1] <= height
+    first = browser.js("document.querySelector('.robots .failed a').getAttribute('href')")
+    assert browser.js(f"document.querySelector('{first}') !== null")
+
+
 CROSSED = """(svg => {
     const box = e => e.getBoundingClientRect(), texts = [...svg.querySelectorAll('text')].filter(e => !e.closest('g'));
     const over = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;

@@ -28,7 +28,7 @@ from .hops import draw_way
 from .matrices import Matrices
 from .nodes import HEADINGS as NODE_HEADINGS
 from .nodes import describe_nodes, list_cells
-from .picture import SIGNS, draw_fleet
+from .picture import SIGNS, draw_fleet, list_robots
 from .traffic import HEADINGS, describe_measurement, list_dearest
 
 TEMPLATE = Path(__file__).with_name("page.html.j2")  # the doors read it
@@ -37,6 +37,7 @@ FINDINGS = 50
 PAIRS = 100  # pairs of robots whose data flow is listed
 NAMES = 12  # names in a cell; with more it is folded
 LISTED = 40  # names in a folded cell
+HUNG = 12  # robots in the small picture above the findings
 WORDS = {OK: "ok", FAILED: "failed", WARNING: "warning", UNKNOWN: "not judged"}
 SHORT = {OK: "o", FAILED: "f", WARNING: "w", UNKNOWN: "u"}  # classes of cells: there are many
 
@@ -56,6 +57,8 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
         findings=findings,
         left_out=len(document["findings"]) - len(findings),
         unexplained=_rows(document["unexplained"]),
+        hanging=plain_data([entry._asdict() for entry in list_robots(fleet, findings)], LINE),
+        hung=HUNG,
         picture=Markup(picture),  # noqa: S704  # its texts are escaped there
         arrows=Markup(draw_arrows(list(fleet.master_of), unseen, read)),  # noqa: S704  # so are these
         own=matrices.computer_matrix(),

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 from xml.sax.saxutils import escape, quoteattr
 
 from ..._base.plain_text import plain
@@ -64,6 +64,14 @@ class _Device:
     planned: bool = True  # it is a computer of the inventory
 
 
+class RobotMark(NamedTuple):
+    """A robot, the worst verdict of its findings, and the numbers of these findings from 1."""
+
+    robot: str
+    verdict: str
+    numbers: tuple[int, ...]
+
+
 def draw_fleet(
     fleet: FleetPlan, findings: Iterable[_Finding] = (), unseen: Mapping[str, Sequence[str]] | None = None
 ) -> str:
@@ -72,6 +80,31 @@ def draw_fleet(
     `unseen` has the robots that a robot is to discover and does not.
     """
     return _Picture(fleet, findings, unseen or {}).svg()
+
+
+def mark_places(findings: Iterable[_Finding]) -> dict[str, list[tuple[int, _Finding]]]:
+    """Return the numbers and findings at each place: a computer, a robot, a network or a pair."""
+    marks: dict[str, list[tuple[int, _Finding]]] = defaultdict(list)
+    for number, entry in enumerate(findings, 1):
+        for places in dict.fromkeys([entry["place"], *(rival["place"] for rival in entry["rivals"])]):
+            for place in dict.fromkeys([places, *places.split(" and ")]):
+                marks[place].append((number, entry))
+    return marks
+
+
+def list_robots(fleet: FleetPlan, findings: Iterable[_Finding]) -> Iterator[RobotMark]:
+    """Yield each robot with the findings at its computers, at its network or at itself: those with findings first."""
+    marks, computers = mark_places(findings), defaultdict(list)
+    for plan in fleet.computers.values():
+        computers[plan.robot].append(plan.computer)
+    networks = {entry.robot: [f"the network of {entry.robot}", str(entry.gateway)] for entry in fleet.networks}
+    robots = []
+    for robot in fleet.master_of:
+        places = [robot, *computers[robot], *networks.get(robot, ())]
+        found = {number: entry["verdict"] for place in places for number, entry in marks.get(place, ())}
+        verdict = next((kind for kind in (FAILED, WARNING, UNKNOWN) if kind in found.values()), OK)
+        robots.append(RobotMark(robot, verdict, tuple(sorted(found))))
+    yield from sorted(robots, key=lambda entry: not entry.numbers)
 
 
 def _device(plan: ComputerPlan) -> _Device:
@@ -108,11 +141,7 @@ class _Picture:
         self.fleet = fleet
         self.robots = list(fleet.master_of)
         self.unseen = unseen
-        self.marks: dict[str, list[tuple[int, _Finding]]] = defaultdict(list)
-        for number, entry in enumerate(findings, 1):
-            for places in dict.fromkeys([entry["place"], *(rival["place"] for rival in entry["rivals"])]):
-                for place in dict.fromkeys([places, *places.split(" and ")]):
-                    self.marks[place].append((number, entry))
+        self.marks = mark_places(findings)
         names = [plan.computer for plan in fleet.computers.values() if plan.robot in fleet.master_of]
         names += [str(network.gateway) for network in fleet.networks if network.device]
         self.box = round(LETTER * min(max(SHORTEST, *map(len, names)), LONGEST)) + 2 * GAP
@@ -121,12 +150,12 @@ class _Picture:
         self.width = self.each * (self.frame + GAP) + 2 * EDGE
         self.frames: list[str] = []
         self.wires: list[str] = []
-        self.components: list[str] = []
+        self.elements: list[str] = []
 
     def svg(self) -> str:
         """Draw all: frames lie behind wires, and wires behind boxes."""
         y = self._router(EDGE)
-        rows, top = _component(self.robots, self.each), y + BAR // 2
+        rows, top = _split_rows(self.robots, self.each), y + BAR // 2
         for number, robots in enumerate(rows):
             last = y
             self._bar(EDGE, y, self.width - 2 * EDGE, self._common(number), COMMON if number == 0 else "")
@@ -137,7 +166,7 @@ class _Picture:
         if len(rows) > 1:  # the bars are one network
             self._wire(EDGE + 1, top, last)
         title = f"The fleet: {len(self.robots)} robots, {len(self.fleet.computers)} computers"
-        return write_svg(self.width, y, "group", title, STYLE, [*self.frames, *self.wires, *self.components])
+        return write_svg(self.width, y, "group", title, STYLE, [*self.frames, *self.wires, *self.elements])
 
     def _common(self, row: int) -> str:
         fleet = self.fleet
@@ -196,7 +225,7 @@ class _Picture:
 
     def _hang(self, devices: Sequence[_Device], x: int, y: int, above: int) -> int:
         """Draw boxes in columns below a bar, with wires in the outer aisles; return the y of the next thing."""
-        for row in _component(devices, COLUMNS):
+        for row in _split_rows(devices, COLUMNS):
             for column, device in enumerate(row):
                 left = x + GAP + column * (self.box + GAP)
                 self._wire(left + (self.box - AISLE // 2 if column else AISLE // 2), above, y)
@@ -210,19 +239,19 @@ class _Picture:
     def _box(self, device: _Device, x: int, y: int) -> None:
         marks = self.marks.get(device.name, ())
         kind = "box" if device.planned else "box device"
-        self.components.append(
+        self.elements.append(
             f'<g><title>{escape(plain(device.title))}</title><rect class="{kind}{_class(marks)}" x="{x}" y="{y}" '
             f'width="{self.box}" height="{self._height(device)}" rx="4"/>'
         )
         self._text(x + GAP, y + 19, shorten(device.name), "name")
         for number, line in enumerate(device.lines):
             self._text(x + GAP, y + 35 + 14 * number, line, "small")
-        self.components.append("</g>")
+        self.elements.append("</g>")
         self._marks(x + self.box, y - 14, marks)  # above the name
 
     def _bar(self, x: int, y: int, width: int, text: str, place: str) -> None:
         marks = self.marks.get(place, ()) if place else ()
-        self.components.append(
+        self.elements.append(
             f'<rect class="bar{_class(marks)}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>'
         )
         self._text(x + GAP + AISLE, y - 5, text, "small")
@@ -235,7 +264,7 @@ class _Picture:
             last = position == MARKS - 1 and len(marks) > MARKS
             label = f"{len(marks) - MARKS + 1} more" if last else f"{SIGNS[verdict]} {number}"
             title = f"{verdict}: finding {number}: {plain(entry['sentence'], 400)}"
-            self.components.append(
+            self.elements.append(
                 f'<a href="#finding-{number}" aria-label={quoteattr(title)}><title>{escape(title)}</title>'
                 f'<g class="mark {verdict}"><rect x="{x}" y="{y}" width="38" height="20" rx="3"/>'
                 f'<text x="{x + 19}" y="{y + 15}">{label}</text></g></a>'
@@ -245,7 +274,7 @@ class _Picture:
         self.wires.append(f'<line class="wire" x1="{x}" y1="{top}" x2="{x}" y2="{bottom}"/>')
 
     def _text(self, x: int, y: int, text: str, kind: str) -> None:
-        self.components.append(f'<text class="{kind}" x="{x}" y="{y}">{escape(plain(text))}</text>')
+        self.elements.append(f'<text class="{kind}" x="{x}" y="{y}">{escape(plain(text))}</text>')
 
 
 def _class(marks: Sequence[tuple[int, _Finding]]) -> str:
@@ -254,6 +283,6 @@ def _class(marks: Sequence[tuple[int, _Finding]]) -> str:
     return next((f" is-{verdict}" for verdict in (FAILED, WARNING, UNKNOWN) if verdict in verdicts), "")
 
 
-def _component(entries: Sequence[_T], size: int) -> list[Sequence[_T]]:
-    """Part a list into rows."""
+def _split_rows(entries: Sequence[_T], size: int) -> list[Sequence[_T]]:
+    """Split a list into rows of this size."""
     return [entries[begin : begin + size] for begin in range(0, len(entries), size)]

@@ -18,7 +18,7 @@ from ansible.parsing.dataloader import DataLoader
 from ansible.vars.manager import VariableManager
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import plan as plan_module
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.picture import draw_fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.picture import draw_fleet, list_robots
 
 ROOT = pathlib.Path(__file__).resolve().parents[6]
 GOLDEN = ROOT / "tests/unit/golden/report"
@@ -92,6 +92,23 @@ def test_a_mark_has_a_sign_a_number_and_a_link_at_its_place():
     assert texts["#finding-2"].endswith("\u25b2 2") and texts["#finding-3"].endswith("? 3")
     classes = [rect.get("class") for rect in root.iter(SVG + "rect")]
     assert "box is-failed" in classes and "bar is-warning" in classes and classes.count("robot is-unknown") == 2
+
+
+def test_robots_with_findings_come_first_with_the_numbers_of_these():
+    fleet = fleets.fig12()
+    robots = list(fleet.master_of)
+    last, other = robots[-1], robots[0]
+    inner, outer = (
+        next(plan.computer for plan in fleet.computers.values() if plan.robot == robot) for robot in (last, other)
+    )
+    findings = [
+        finding(f"the network of {last}", "warning", "a"),
+        finding(f"{inner} and {outer}", "failed", "b"),
+        finding("the common network", "failed", "c"),
+    ]
+    found = [(entry.robot, entry.verdict, entry.numbers) for entry in list_robots(fleet, findings)]
+    well = [(robot, "ok", ()) for robot in robots if robot not in (last, other)]
+    assert found == [(other, "failed", (2,)), (last, "failed", (1, 2)), *well]
 
 
 def test_many_marks_at_one_place_are_counted():
