@@ -15,7 +15,7 @@ from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 
 from .._base.features import load_hooks
-from .._base.hosts import is_address, place_of
+from .._base.hosts import is_address, is_host_name, place_of
 from .._base.plain_text import plain, quote
 from .._base.sentences import UnexpectedValue
 from .._inventory import kinds
@@ -28,7 +28,11 @@ MOST = 64  # of interfaces, roscores, discovery nodes, assignments
 MOST_ROUTES = 2000
 # Networks inside a computer: containers and virtual machines. Docker names a network of a user by its number, such as
 # br-3f2a1b4c5d6e, and br-lan is a bridge of a person.
-INSIDE = re.compile(r"(docker|virbr|veth|lxcbr|lxdbr|cni|podman).*|br-[0-9a-f]{4,12}")
+INSIDE = re.compile(r"(docker|virbr|veth|lxcbr|lxdbr|cni|podman|kube|cali|flannel|nodelocaldns).*|br-[0-9a-f]{4,12}")
+# Links to a provider, over which no other robot is reached.
+MOBILE = re.compile(r"(ppp|wwan|wwp|rmnet).*")
+SINGLE = 32  # the prefix length of an address in no network: a VPN such as Tailscale, or batman-adv, has routes to the others
+CARRIER_GRADE = IPv4Network("100.64.0.0/10")  # RFC 6598; Tailscale has all of it
 
 
 class StrangeMachine(ValueError):
@@ -53,7 +57,7 @@ class Uri:
     @property
     def is_address(self) -> bool:
         """Return True if the host is an address of IPv4."""
-        return not kinds.is_host_name(self.host)
+        return is_address(self.host)
 
 
 @dataclass(frozen=True)
@@ -85,8 +89,9 @@ class FoundMachine:
     name: str  # in the list
     hostname: str = ""
     addresses: tuple[IPv4Interface, ...] = ()
+    singles: Mapping[IPv4Address, str] = field(default_factory=dict)  # addresses in no network, and their interfaces
     aside: tuple[str, ...] = ()  # addresses that no other computer reaches it by
-    # Its addresses on interfaces without multicast, and their names.
+    # Its addresses that have no multicast, by their interfaces or since they are in no network, and the interfaces.
     mute: Mapping[IPv4Address, str] = field(default_factory=dict)
     # The address from which packets to each of its own networks leave: with several there, the kernel takes one.
     sources: Mapping[IPv4Network, IPv4Address] = field(default_factory=dict)
@@ -104,11 +109,12 @@ def read_machine(name: str, info: Info) -> FoundMachine:
     if missing:
         raise StrangeMachine(f"{', '.join(missing)} could not be read")
     try:
-        usable, aside, mute = _addresses(info["interfaces"])
+        usable, singles, aside, mute = _addresses(info["interfaces"])
         return FoundMachine(
             name=name,
             hostname=plain(info.get("hostname") or "", 64),
             addresses=tuple(usable),
+            singles=singles,
             aside=tuple(aside),
             mute=mute,
             sources=_read_sources(info["routing"]["routes"]),
@@ -123,9 +129,14 @@ def read_machine(name: str, info: Info) -> FoundMachine:
         raise StrangeMachine(f"what it answered cannot be understood ({quote(problem)})") from None
 
 
-def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[str], dict[IPv4Address, str]]:
-    """Return the addresses, those that are left aside, and those by which no multicast goes, as of a VPN."""
-    usable, aside, mute = [], [], {}
+def _addresses(
+    interfaces: Sequence[Info],
+) -> tuple[list[IPv4Interface], dict[IPv4Address, str], list[str], dict[IPv4Address, str]]:
+    """Return the addresses in networks, single ones, those that are left aside, and those by which no multicast goes, as of a VPN."""
+    usable: list[IPv4Interface] = []
+    singles: dict[IPv4Address, str] = {}
+    aside: list[str] = []
+    mute: dict[IPv4Address, str] = {}
     for entry in interfaces[:MOST]:
         for address in entry["addresses"][:MOST]:
             if address["family"] != "inet" or entry["loopback"]:
@@ -136,9 +147,14 @@ def _addresses(interfaces: Sequence[Info]) -> tuple[list[IPv4Interface], list[st
             why = _explain_aside(found, str(entry["name"]), entry["up"])
             if why:
                 aside.append(f"{found} of {device}, {why}")
+            elif found.network.prefixlen == SINGLE:
+                singles[found.ip] = device
             else:
                 usable.append(found)
-    return usable, aside, mute
+    for address in [one for one in singles if any(one in other.network for other in usable)]:
+        # Such as that of keepalived, which moves from one computer to another.
+        aside.append(f"{address}/{SINGLE} of {singles.pop(address)}, beside an address in the network of which it is")
+    return usable, singles, aside, {**mute, **singles}
 
 
 def _explain_aside(address: IPv4Interface, device: str, up: Any) -> str:
@@ -146,8 +162,12 @@ def _explain_aside(address: IPv4Interface, device: str, up: Any) -> str:
         return "a network inside the computer"
     if not up:
         return "which is switched off"
-    if address.ip.is_link_local or address.network.prefixlen > 30:
+    if address.ip.is_link_local or address.network.prefixlen == SINGLE - 1:
         return "a network of one connection"
+    if address.network.prefixlen == SINGLE and MOBILE.fullmatch(device):
+        return "a link to a provider"
+    if address.network.prefixlen == SINGLE and not (address.ip.is_private or address.ip in CARRIER_GRADE):
+        return "a single public address"
     return ""
 
 
@@ -214,6 +234,6 @@ def _read_masters(info: Info) -> Iterable[Uri]:
 def uri(text: Any) -> Uri | None:
     """Return host and port of a URI such as http://tibi-nav:11311; None where it is none."""
     host, port = place_of(str(text))
-    if not str(text).lower().startswith("http:") or not (kinds.is_host_name(host) or is_address(host)):
+    if not str(text).lower().startswith("http:") or not (is_host_name(host) or is_address(host)):
         return None
     return Uri(host, port or 11311)

@@ -14,9 +14,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from ipaddress import IPv4Address, IPv4Network
 
-from .facts import FoundMachine, Uri
+from .._base.sentences import shorten_list
+from .facts import CARRIER_GRADE, FoundMachine, Uri
 
+NO_URI = "no ROS_MASTER_URI with the place of one was found in its files and shells"
 EVERYWHERE = IPv4Network("0.0.0.0/0")
+# Prefix lengths of a network for single addresses: an inventory has none above 30, and networks of persons begin at 10.0.0.0/8.
+_SMALLEST, _LARGEST = 30, 8
 THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself
 
 
@@ -27,9 +31,30 @@ class Machines:
     by_name: Mapping[str, FoundMachine]
 
     @cached_property
+    def _seen(self) -> frozenset[IPv4Network]:
+        """The networks of interfaces."""
+        return frozenset(entry.network for machine in self.by_name.values() for entry in machine.addresses)
+
+    @cached_property
+    def made_networks(self) -> Mapping[IPv4Network, str]:
+        """Networks that nobody has said: for single addresses of several machines, as those of Tailscale -> their interfaces."""
+        groups: dict[str, dict[IPv4Address, str]] = defaultdict(dict)
+        for name, machine in self.by_name.items():
+            for address, device in machine.singles.items():
+                if not any(address in network for network in self._seen):
+                    groups["" if address in CARRIER_GRADE else device][address] = name
+        devices = {one: device for machine in self.by_name.values() for one, device in machine.singles.items()}
+        found: dict[IPv4Network, str] = {}
+        for members in groups.values():
+            network = CARRIER_GRADE if min(members) in CARRIER_GRADE else _find_smallest(members)
+            if len(set(members.values())) > 1 and network and not any(map(network.overlaps, [*self._seen, *found])):
+                found[network] = shorten_list(sorted({devices[address] for address in members}))
+        return found
+
+    @cached_property
     def networks(self) -> Mapping[IPv4Network, Mapping[str, IPv4Address]]:
         """Network -> machine -> its address there. One that lies in a wider one is the wider one."""
-        seen = sorted({entry.network for machine in self.by_name.values() for entry in machine.addresses})
+        seen = sorted([*self._seen, *self.made_networks])
         wide = [one for one in seen if not any(one != other and one.subnet_of(other) for other in seen)]
         found: dict[IPv4Network, dict[str, IPv4Address]] = {network: {} for network in wide}
         for name, machine in self.by_name.items():
@@ -51,8 +76,8 @@ class Machines:
         for name, machine in self.by_name.items():
             for text in (name, machine.hostname, machine.hostname.partition(".")[0]):
                 claims[text.lower()].add(name)
-            for address in machine.addresses:
-                claims[str(address.ip)].add(name)
+            for address in (*(entry.ip for entry in machine.addresses), *machine.singles):
+                claims[str(address)].add(name)
         return {text: next(iter(of)) for text, of in claims.items() if text and len(of) == 1}
 
     def resolve(self, machine: str, uri: Uri) -> str | None:
@@ -131,12 +156,19 @@ def _choose_addresses(
 
     Of several it is the one that the kernel sends from, by which others know the machine; else the lowest.
     """
-    addresses = sorted(entry.ip for entry in machine.addresses)
+    addresses = sorted([*(entry.ip for entry in machine.addresses), *machine.singles])
     for network in networks:
         inside = [address for address in addresses if address in network]
         if inside:
             source = machine.sources.get(network)
             yield network, source if source in inside else inside[0]
+
+
+def _find_smallest(addresses: Iterable[IPv4Address]) -> IPv4Network | None:
+    """Return the smallest network of these addresses; None where it would be wider than any of a person."""
+    first, last = min(addresses), max(addresses)
+    length = min(_SMALLEST, 32 - (int(first) ^ int(last)).bit_length())
+    return IPv4Network((first, length), strict=False) if length >= _LARGEST else None
 
 
 def find_groups(machines: Machines) -> FleetGroups | None:
@@ -145,9 +177,17 @@ def find_groups(machines: Machines) -> FleetGroups | None:
     if not ranked:
         return None
     common, *others = ranked
-    why = ""
+    reasons = []
     if others and _rank(machines, others[0])[:3] == _rank(machines, common)[:3]:
-        why = f"guessed, since most machines have an address in it; it may also be {others[0]}"
+        more = len(machines.networks[common]) > len(machines.networks[others[0]])
+        since = ", since more machines have an address in it" if more else ""
+        reasons.append(f"guessed{since}; it may also be {others[0]}")
+    if len(machines.masters) > 1 and machines.count_robots(common, [common]) < 2:
+        reasons.append("guessed, since no two of the machines with a roscore share a network")
+    if common in machines.made_networks:
+        devices = machines.made_networks[common]
+        reasons.append(f"guessed, since no interface has a network: that of the single addresses (/32) of {devices}")
+    why = "; ".join(reasons)
     shared = _find_shared_networks(machines, common)
     groups: dict[str, Group] = {}
     rest: dict[str, str] = {}
@@ -174,6 +214,7 @@ def _rank(machines: Machines, network: IPv4Network) -> tuple[int, ...]:
         _count_divided(machines, network) + _count_ways_out(machines, network),
         -_count_discovery_nodes(machines, network),
         -len(machines.networks[network]),
+        int(network in machines.made_networks),
         int(network.network_address),
         network.prefixlen,
     )
@@ -242,7 +283,7 @@ def _explain_rest(machines: Machines, name: str) -> str:
     """Return why a machine is of no robot."""
     uris = machines.by_name[name].masters
     if not uris:
-        return "no roscore runs on it, and no file that its shells read sets ROS_MASTER_URI"
+        return f"no roscore runs on it, and {NO_URI}"
     return f"no roscore runs on it, and its ROS_MASTER_URI names {uris[0].host}, which is no roscore of a robot"
 
 

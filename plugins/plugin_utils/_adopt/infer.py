@@ -31,8 +31,7 @@ def propose(machines: Iterable[facts.FoundMachine], left_out: Mapping[str, str])
     everything = groups.Machines(kept)
     found = groups.find_groups(everything)
     if found is None or not found.groups:
-        why = "no roscore runs on any machine, and no ROS_MASTER_URI names one"
-        return Proposal(left_out={**missing, **dict.fromkeys(kept, why)})
+        return Proposal(left_out={**missing, **dict.fromkeys(kept, _explain_nothing(everything, found))})
     scene = AdoptionScene(everything, found, names.name_computers(kept))
     parts = [_robot(scene, group) for group in found.groups]
     outside = {name: why for _robot, of_robot in parts for name, why in of_robot.items()}
@@ -52,13 +51,28 @@ def propose(machines: Iterable[facts.FoundMachine], left_out: Mapping[str, str])
     )
 
 
+def _explain_nothing(machines: groups.Machines, found: groups.FleetGroups | None) -> str:
+    """Return why no robot was found on any machine."""
+    if not machines.masters:
+        named = sorted({uri.host for machine in machines.by_name.values() for uri in machine.masters})
+        if named:
+            return (
+                f"no roscore runs on any machine, and none of them is {shorten_list(named)}, which ROS_MASTER_URI names"
+            )
+        return f"no roscore runs on any machine, and {groups.NO_URI}"
+    where = f"the roscore of {shorten_list(sorted(machines.masters))}"
+    if found is None:
+        return f"no machine has an address in a network in which others could reach {where}"
+    return f"no two machines share a network in which they could reach {where}"
+
+
 def _drop_duplicates(machines: Iterable[facts.FoundMachine]) -> tuple[dict[str, facts.FoundMachine], dict[str, str]]:
     """Return the machines without those that the list has twice."""
     kept: dict[str, facts.FoundMachine] = {}
     twice: dict[str, str] = {}
     seen: dict[tuple[str, frozenset[IPv4Address]], str] = {}
     for machine in machines:
-        mark = machine.hostname, frozenset(address.ip for address in machine.addresses)
+        mark = machine.hostname, frozenset([*(address.ip for address in machine.addresses), *machine.singles])
         first = seen.setdefault(mark, machine.name) if mark[1] else machine.name
         if first == machine.name:
             kept[machine.name] = machine
@@ -320,7 +334,9 @@ def _computer(scene: AdoptionScene, machine: str, network: IPv4Network) -> Propo
     choices = {"address": Choice(str(scene.addresses(network)[machine]))}
     if _is_alias(scene, found.hostname, name):
         choices["aliases"] = Choice([found.hostname], "the name that it calls itself")
-    notes = [f"Left aside: {', '.join(found.aside)}"] if found.aside else []
+    placed = {address for network in scene.machines.networks.values() for address in network.values()}
+    alone = [f"{one}/32 of {device}, in no network" for one, device in found.singles.items() if one not in placed]
+    notes = [f"Left aside: {', '.join([*found.aside, *alone])}"] if found.aside or alone else []
     return ProposedComputer(name, machine, choices, (*([f"Named so, since {why}"] if why else []), *notes))
 
 
@@ -329,7 +345,7 @@ def _is_alias(scene: AdoptionScene, hostname: str, name: str) -> bool:
     known = [entry.lower() for entry, _why in scene.names.values()]
     hostnames = [machine.hostname.lower() for machine in scene.machines.by_name.values()]
     host = hostname.lower()
-    return kinds.is_host_name(host) and host != "localhost" and host not in known and hostnames.count(host) == 1
+    return kinds.is_given_name(host) and host != "localhost" and host not in known and hostnames.count(host) == 1
 
 
 def _router(

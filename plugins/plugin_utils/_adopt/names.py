@@ -24,23 +24,34 @@ def name_computers(machines: Mapping[str, FoundMachine]) -> dict[str, tuple[str,
     """Return machine -> (name in the inventory, why it was guessed).
 
     The name in the list stays. Where it is an address, or no host name, the host name is taken, if no other machine has it.
+    Of a name with underscores, which programs read in different ways, hyphens are made.
     """
     taken = Counter(name.lower() for name in machines if _fits(name))
     called = Counter(machine.hostname.lower() for machine in machines.values())
     found = {}
     for name, machine in machines.items():
         host = machine.hostname
-        if _fits(name):
-            found[name] = name, ""
-        elif _fits(host) and called[host.lower()] == 1 and not taken[host.lower()]:
-            found[name] = host, ""
-        else:
-            made = "host-" + (re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:50] or "unnamed")
-            while taken[made] or called[made]:
-                made += "-2"
-            taken[made] += 1
-            found[name] = made, f"its host name is {quote(host) or 'not known'}, which is no name of one machine alone"
+        found[name] = _choose_name(name, host, taken, called)
+        if found[name][0] not in (name, host):
+            taken[found[name][0].lower()] += 1
     return found
+
+
+def _choose_name(name: str, host: str, taken: Counter[str], called: Counter[str]) -> tuple[str, str]:
+    """Return a name for the inventory, and why it was guessed. `taken` are names in small letters, `called` the host names."""
+    if _fits(name):
+        return name, ""
+    if _fits(host) and called[host.lower()] == 1 and not taken[host.lower()]:
+        return host, ""
+    for text in (name, host):
+        made = text.replace("_", "-")
+        if made != text and _fits(made) and not called[made.lower()] and not taken[made.lower()]:
+            return made, f"its name is {quote(text)}, and names in an inventory have no underscores"
+    made = "host-" + (re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:50] or "unnamed")
+    while taken[made] or called[made]:
+        made += "-2"
+    why = "which another machine has, too" if _fits(host) else "which an inventory cannot have"
+    return made, f"its host name is {quote(host) or 'not known'}{', ' + why if host else ''}"
 
 
 def _fits(name: str) -> bool:

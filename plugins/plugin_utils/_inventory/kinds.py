@@ -48,6 +48,11 @@ def is_host_name(value: Any) -> bool:
     return isinstance(value, str) and bool(_NAME.fullmatch(value)) and hosts.is_host_name(value.lower())
 
 
+def is_given_name(value: Any) -> bool:
+    """Return True for a name that a computer has already: also with underscores, which hosts files, rospy and roscpp take."""
+    return isinstance(value, str) and hosts.is_host_name(value.lower())
+
+
 def name(value: Any) -> str:
     """Read a host name (RFC 1123)."""
     if not is_host_name(value):
@@ -55,9 +60,12 @@ def name(value: Any) -> str:
     return str(value)
 
 
-def names(value: Any) -> list[str]:
-    """Read a list of host names."""
-    return [name(item) for item in _items(value, "a list of host names")]
+def given_names(value: Any) -> list[str]:
+    """Read a list of names that a computer has already."""
+    names = _items(value, "a list of host names")
+    if not all(map(is_given_name, names)):
+        raise UnexpectedValue("a list of host names: letters, digits, hyphens and underscores, and no address")
+    return list(map(str, names))
 
 
 def address(value: Any) -> IPv4Address:
@@ -99,7 +107,7 @@ def seals(value: Any) -> Mapping[str, SealedComputer]:
     if not isinstance(value, Mapping):
         raise UnexpectedValue(expected)
     for key, entry in value.items():
-        if not is_host_name(key) or key.lower() == "localhost":
+        if not is_given_name(key) or key.lower() == "localhost":
             raise UnexpectedValue(f"{expected}, but '{key}' is no name")
         unknown = sorted(map(str, set(entry) - set(SealedComputer._fields))) if isinstance(entry, Mapping) else []
         if unknown:
@@ -111,7 +119,7 @@ def seals(value: Any) -> Mapping[str, SealedComputer]:
 
 def _seal(entry: Any) -> SealedComputer:
     if isinstance(entry, Mapping):
-        return SealedComputer(address(entry.get("address")), tuple(names(entry.get("aliases", ()))))
+        return SealedComputer(address(entry.get("address")), tuple(given_names(entry.get("aliases", ()))))
     return SealedComputer(address(entry))
 
 

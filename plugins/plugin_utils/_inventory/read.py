@@ -160,17 +160,24 @@ def _read_host(host: str, raw: Mapping[str, Any], problems: list[str]) -> Values
             problems.append(
                 f"{host}: {variable.name} is {_quote_value(value)}; expected {expected}: correct it in the inventory."
             )
+    problems += _find_wrong_name(host)
+    return values
+
+
+def _find_wrong_name(host: str) -> Iterator[str]:
+    """Yield a sentence where other computers cannot know a computer by its name in the inventory."""
     if host.lower() == "localhost":
-        problems.append(
+        yield (
             f"{host}: its name in the inventory is '{host}', which every computer is for itself; expected the name by which the other "
             "computers know it: rename it. With ansible_connection: local, Ansible still does not use ssh for it."
         )
     elif not kinds.is_host_name(host):
-        problems.append(
+        other = host.replace("_", "-")
+        way = f" to '{other}', with multimaster_aliases: [{host}]" if kinds.is_host_name(other) else ""
+        yield (
             f"{host}: its name in the inventory is '{host}'; expected a host name of letters, digits and hyphens "
-            "(RFC 1123) whose last part is no number, since it is the name by which the other computers know it: rename it."
+            f"(RFC 1123) whose last part is no number, since it is the name by which the other computers know it: rename it{way}."
         )
-    return values
 
 
 def _find_unknown(host: str, raw: Mapping[str, Any]) -> list[str]:

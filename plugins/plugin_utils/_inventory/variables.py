@@ -30,7 +30,7 @@ class ComputerVariables:
     """The variables of one computer."""
 
     address: IPv4Address = row(kinds.address, example="192.168.1.229")
-    aliases: list[str] = row(kinds.names, [])
+    aliases: list[str] = row(kinds.given_names, [])
     firewall_also: tuple[IPv4Network, ...] = row(kinds.sources, [])
     firewall_ports: tuple[str, ...] = row(kinds.ports, [])
     ros_setup: str = row(kinds.setup, "auto")

@@ -166,6 +166,89 @@ def test_a_tunnel_that_is_there_stays_and_carries_no_multicast():
     assert "wg0 of one" in why and "stays as it is" in why
 
 
+def single(device, names, **link):
+    """Infos of robots with one address in no network, as Tailscale and batman-adv give it, by their names."""
+    infos = {name: machine(name, f"{one}/32", masters=[roscore(name, one)]) for name, one in names.items()}
+    for info in infos.values():
+        info["interfaces"][0].update({"name": device, "multicast": True, "point_to_point": True, **link})
+    return infos
+
+
+@pytest.mark.parametrize(
+    ("device", "addresses", "network"),
+    [
+        ("tailscale0", ("100.64.3.7", "100.101.2.2"), "100.64.0.0/10"),
+        ("bat0", ("10.7.3.7", "10.7.3.200"), "10.7.3.0/24"),
+        ("wg0", ("10.7.3.1", "10.7.3.2"), "10.7.3.0/30"),
+    ],
+)
+def test_single_addresses_are_kept_and_discovered_without_multicast(device, addresses, network):
+    infos = single(device, dict(zip(("ana", "bob"), addresses, strict=True)))
+    for number, info in enumerate(infos.values()):  # at home in different networks
+        info["interfaces"] += machine("", f"192.168.{number}.7/24")["interfaces"]
+    proposal = adopted(infos)
+    assert valid(proposal) == {"robot_ana": ["ana"], "robot_bob": ["bob"]} and not proposal.left_out
+    plan = plan_of(proposal.inventory())
+    assert (str(plan.common_network), plan.transport) == (network, "unicast")
+    assert [str(entry.address) for entry in plan.hosts_entries] == list(addresses)
+    assert mentions(proposal.choices["common_network"].why, "/32", device)
+
+
+def test_a_single_address_belongs_to_the_network_of_its_server():
+    infos = single("wg0", {"ana": "10.8.0.2", "bob": "10.8.0.3"}, multicast=False)
+    infos["cid"] = machine("cid", "10.8.0.1/24", masters=[roscore("cid", "10.8.0.1")])
+    plan = plan_of(adopted(infos).inventory())
+    assert (str(plan.common_network), plan.transport) == ("10.8.0.0/24", "unicast")
+
+
+@pytest.mark.parametrize(
+    ("device", "one", "why"),
+    [
+        ("eth0", "192.168.1.100", "beside an address"),  # of keepalived
+        ("ppp0", "10.64.64.64", "provider"),
+        ("eth1", "203.0.114.5", "public"),
+        ("kube-ipvs0", "10.96.0.1", "inside the computer"),
+        ("bat0", "10.7.3.7", "in no network"),  # nobody else has one
+    ],
+)
+def test_single_addresses_by_which_no_robot_is_reached_are_left_aside(device, one, why):
+    infos = {
+        name: machine(name, f"192.168.1.{number}/24", masters=[roscore(name)])
+        for number, name in enumerate(("ana", "bob"), 110)
+    }
+    infos["ana"]["interfaces"] += single(device, {"": one})[""]["interfaces"]
+    proposal = adopted(infos)
+    assert valid(proposal) == {"robot_ana": ["ana"], "robot_bob": ["bob"]}
+    assert "transport" not in proposal.choices and str(plan_of(proposal.inventory()).common_network) == "192.168.1.0/24"
+    assert mentions([text for text in proposal.guesses() if "Left aside" in text], one, why)
+
+
+def test_roscores_that_share_no_network_are_told_so():
+    infos = {n: machine(n, f"192.168.{i}.5/24", masters=[roscore(n)]) for i, n in enumerate(("ana", "bob"))}
+    assert mentions(adopted(infos).choices["common_network"].why, "share", "192.168.1.0/24")
+    alone = adopted(single("tailscale0", {"ana": "100.64.3.7"})).left_out
+    assert "network" in alone["ana"] and "no roscore" not in alone["ana"]
+
+
+def test_a_uri_that_no_machine_has_is_named():
+    laptop = machine("laptop", "192.168.1.9/24", uri="http://robot_9:11311")
+    assert mentions(adopted({"laptop": laptop}).left_out["laptop"], "ROS_MASTER_URI", "robot_9")
+
+
+def test_names_with_underscores_are_kept_as_aliases():
+    infos = {
+        "robot_2_nuc": machine("robot_2_nuc", "192.168.1.5/24", masters=[roscore("robot_2_nuc", "192.168.1.5")]),
+        "192.168.1.6": machine("robot_2_arm", "192.168.1.6/24", uri="http://robot_2_nuc:11311"),
+        "192.168.1.7": machine("cid", "192.168.1.7/24", masters=[roscore("cid", "192.168.1.7")]),
+    }
+    proposal = adopted(infos)
+    assert valid(proposal) == {"robot_2": ["robot-2-nuc", "robot-2-arm"], "robot_cid": ["cid"]}
+    plan = plan_of(proposal.inventory())
+    assert plan.hosts_entries[0].names == ("robot-2-nuc", "robot_2_nuc")
+    assert "http://robot_2_nuc:11311/" in plan.belonging.robots[0].uris
+    assert mentions(proposal.guesses(), "underscores", "robot_2_nuc")
+
+
 def test_whom_the_others_follow_in_time_is_the_source():
     infos = fleet()
     for name in ("ana-gate", "ana-arm", "bob-gate"):  # bob-arm follows somebody outside
@@ -309,8 +392,8 @@ def test_no_two_machines_or_robots_have_one_name():
     assert sum(robots.values(), []) == [
         "host-robot-1",
         "host-robot-1-2",
-        "host-robot-1-2-2",
         "robot-ana",
+        "robot-1",
         "ana",
     ]
     assert len(robots) == 5

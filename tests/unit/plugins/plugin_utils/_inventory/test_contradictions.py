@@ -71,6 +71,11 @@ def test_a_wrong_seal_is_one_sentence(case):
     assert len(found) == 1 and mentions(found[0], *sentence.split())
 
 
+def test_the_names_that_a_sealed_computer_has_already_may_have_underscores():
+    names = {"robot_2_nuc": {"address": "192.168.1.40", "aliases": ["robot_2_nuc.local"]}}
+    assert problems(multimaster_master="robot_2_nuc", multimaster_sealed=names) == []
+
+
 def test_one_sealed_computer_has_one_robot():
     sealed = {**SHARED, **HSR}
     values = {f"hsr{n}-pc": {**sealed, "multimaster_address": f"192.168.1.{n}"} for n in (1, 2)}

@@ -330,7 +330,11 @@ WRONG = {
             robots.update(kobuki1=["kobuki_1"]),
             variables.update(kobuki_1=variables.pop("kobuki1computer")),
         ),
-        ["kobuki_1 inventory"],
+        ["kobuki_1 inventory kobuki-1 multimaster_aliases"],
+    ),
+    "alias that is none": (
+        setting("kobuki1computer", multimaster_aliases=["-kobuki_1"]),
+        ["kobuki1computer multimaster_aliases"],
     ),
     "address as a name": (
         lambda robots, variables: (
