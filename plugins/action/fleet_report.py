@@ -13,7 +13,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -72,7 +72,8 @@ class ActionModule(FleetAction):
                 else replace(read_run(args, task_vars), inventory=describe_inventory(task_vars))
             )
             place = os.path.abspath(bundle) if bundle else str(task_vars.get("inventory_dir") or "")
-            return self._report(run, place, live=not bundle)
+            sources = [] if bundle else [str(source) for source in task_vars.get("ansible_inventory_sources") or ()]
+            return self._report(run, folder_of(place, sources), live=not bundle)
         except (Mismatch, UnreadableBundle) as problem:
             raise Refusal(str(problem)) from None
         except STRANGE:  # a bundle may come from any person
@@ -80,11 +81,11 @@ class ActionModule(FleetAction):
                 raise
             raise Refusal(f"{bundle} {CONTRADICTION}") from None
 
-    def _report(self, run: Run, place: str, live: bool) -> dict[str, Any]:
+    def _report(self, run: Run, folder: Path, live: bool) -> dict[str, Any]:
         """Judge, write and print. Raises Refusal."""
         path, cases = (str(self._task.args.get(option) or "") for option in ("path", "junit"))
-        files = Files.from_option(path, place)
-        before = files.read_previous() if files else {}
+        files = Files.from_option(path, folder)
+        before = files.read_previous(run.fleet.computers) if files else {}
         run = add_last_time(run, before) if live else run
         judgement = judge_run(run, bool(files or cases), bool(files and not files.own))
         document = make_document(run, judgement)
@@ -259,17 +260,17 @@ class Files:
 
     data: Path
     own: bool  # the option names no place: our own folder keeps the latest reports
-    fleet: str  # stands for the inventory: only runs of one inventory are compared
+    fleet: str  # stands for the inventories of a command: only runs of one fleet are compared
 
     @classmethod
-    def from_option(cls, path: str, inventory: str) -> Files | None:
+    def from_option(cls, path: str, folder: Path) -> Files | None:
         """Read the option `path`: empty, auto, a folder or a file."""
         if not path:
             return None
         name = time.strftime(history.NAME) + ".json"
         if path == AUTO:
-            return cls(folder_of(inventory) / name, True, folder_of(inventory).name)
-        return cls(Path(name_file(path, name)), False, folder_of(inventory).name)
+            return cls(folder / name, True, folder.name)
+        return cls(Path(name_file(path, name)), False, folder.name)
 
     def write(self, fleet: FleetPlan, document: dict[str, Any], matrices: Matrices, before: Mapping[str, Any]) -> str:
         """Write both, compare with the run before, and return the path of the page. Raises OSError."""
@@ -294,17 +295,17 @@ class Files:
                 self.data.with_name(old).unlink(missing_ok=True)
         return str(shown)
 
-    def read_previous(self) -> dict[str, Any]:
+    def read_previous(self, computers: Collection[str]) -> dict[str, Any]:
         """Read the data of the previous run of this fleet: the file to be replaced, or else the latest in the folder."""
         names = [self.data.name] if self.data.exists() else history.list_latest(self._list_folder())
-        return next(filter(None, map(self._read, names)), {})
+        return next(filter(None, (self._read(name, computers) for name in names)), {})
 
-    def _read(self, name: str) -> dict[str, Any]:
+    def _read(self, name: str, computers: Collection[str]) -> dict[str, Any]:
         """Read the data of a run of this fleet; empty if the file has none."""
         path = self.data.with_name(name)
         try:
             if path.stat().st_size <= LARGEST_DATA:
-                return history.read_data(path.read_text(encoding="utf-8"), self.fleet)
+                return history.read_data(path.read_text(encoding="utf-8"), self.fleet, computers)
         except (OSError, UnicodeError):
             pass
         return {}
@@ -320,10 +321,10 @@ def name_file(option: str, name: str) -> str:
     return os.path.join(path, name) if option.endswith("/") or os.path.isdir(path) else path
 
 
-def folder_of(inventory: str) -> Path:
-    """Return the folder for the reports of an inventory, below Ansible's own folder of the user."""
+def folder_of(inventory: str, sources: Sequence[str] = ()) -> Path:
+    """Return the folder for the reports of a fleet, below Ansible's own folder of the user."""
     home = Path(constants.config.get_config_value("ANSIBLE_HOME"))
-    return home / "rosfleet" / "reports" / history.name_folder(inventory)
+    return home / "rosfleet" / "reports" / history.name_folder(inventory, sources)
 
 
 def show(judgement: FleetJudgement, document: Mapping[str, Any], written: str) -> None:

@@ -79,6 +79,7 @@ def make_document(run: Run, judgement: FleetJudgement) -> dict[str, Any]:
     return {
         **judgement.as_data(),
         **{key: run.about.get(key, "") for key in ("time", "collection", "ansible", "durations")},
+        "planned": sorted(run.fleet.computers),
         "robots": content.list_robots(run.fleet, run.observations),
         "throughput": content.list_streams(run.observations),
         "traffic": content.list_traffic(run.fleet, run.observations),

@@ -30,7 +30,7 @@ def registered(seen):
     return found
 
 
-def judge(change=None, fleet=None, inventory="/home/me/our fleet", **options):
+def judge(change=None, fleet=None, inventory="/home/me/our fleet", source="hosts.yml", **options):
     fleet = fleet or fleets.fig12()
     seen = fleets.observed(fleet)
     if change:
@@ -52,7 +52,7 @@ def judge(change=None, fleet=None, inventory="/home/me/our fleet", **options):
             "hostvars": hostvars,
             "ansible_play_hosts_all": list(seen),
             "inventory_dir": inventory,
-            "ansible_inventory_sources": ["hosts.yml"],
+            "ansible_inventory_sources": [source],
         }
     )
 
@@ -174,6 +174,29 @@ def test_only_runs_of_one_fleet_are_compared(tmp_path, clock):
         page = judge(path=str(tmp_path), inventory=inventory)["report"]
         since.append(json.loads(pathlib.Path(page).with_suffix(".json").read_text())["since"])
     assert since == ["", "", "2026-11-22T080001"]
+
+
+def test_two_inventories_in_one_folder_have_two_histories(home, clock):
+    folders, differences = set(), []
+    for number, source in enumerate(("ana.yml", "bob.yml"), 1):
+        clock(f"2026-11-22T08000{number}")
+        fleet = fleets.fig12() if number == 1 else fleets.plan()
+        page = pathlib.Path(judge(fleet=fleet, path="auto", source=source)["report"])
+        folders.add(page.parent)
+        differences += json.loads(page.with_suffix(".json").read_text())["differences"]
+    assert len(folders) == 2 and differences == []
+
+
+def test_a_run_with_a_limit_tells_nobody_as_gone(tmp_path):
+    path = tmp_path / "r.json"
+    judge(path=str(path))
+
+    def limit(seen):
+        for name in [name for name in seen if not name.startswith("tibi")]:
+            del seen[name]
+
+    judge(limit, path=str(path))
+    assert json.loads(path.read_text())["differences"] == []
 
 
 def test_a_damaged_run_before_costs_the_difference_alone(home, clock):

@@ -47,12 +47,12 @@ def test_two_inventories_of_one_name_have_two_folders():
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "[" * 100_000, '{"a": ' * 100_000])
 def test_what_is_no_data_of_a_run_is_empty(text):
-    assert history.read_data(text, "fleet") == {}
+    assert history.read_data(text, "fleet", ["a"]) == {}
 
 
 def test_the_data_of_a_run_is_plain():
     now = make_report(fleets.plan()).document
-    before = history.read_data(json.dumps({**now, "time": "2026-11-24\x1b[2J"}), "fleet")
+    before = history.read_data(json.dumps({**now, "time": "2026-11-24\x1b[2J"}), "fleet", now["computers"])
     assert before["time"] == "2026-11-24\\x1b[2J" and history.compare(before, now) == []
 
 
@@ -66,11 +66,42 @@ def test_what_is_new_and_what_is_gone():
     now = make_report(fleets.fig12(), fleets.wall).document
     before = make_report(fleets.fig12()).document
     before["computers"].remove("tibi-nav")
+    before["robots"][0]["computers"].remove("tibi-nav")
     before["robots"][0]["topics"].append("/scan")
     sentences = history.compare(before, now)
     assert sentences[:2] == ["tibi-nav is new", "topics of tibi: /scan is gone"]
     assert sentences[2].startswith("new: a packet filter on tibi-visio")
     assert history.compare(before=now, now=before)[-1].startswith("no longer: a packet filter on tibi-visio")
+
+
+def test_two_files_of_one_folder_are_two_fleets():
+    folder = "/home/a/fleets"
+    names = [history.name_folder(folder, sources) for sources in ([f"{folder}/a.yml"], [f"{folder}/b.yml"], [folder])]
+    assert len(set(names)) == 3 and names[2] == history.name_folder(folder)
+    assert history.name_folder("", ["ana,"]) != history.name_folder("", ["bob,"])
+
+
+def test_data_without_a_fleet_is_that_of_its_computers():
+    """As version 1.0.0 wrote it."""
+    text = json.dumps({"computers": ["ana", "bob"]})
+    assert history.read_data(text, "fleet", ["bob", "cid"])
+    for computers in (["cid"], []):
+        assert history.read_data(text, "fleet", computers) == {}
+    assert history.read_data('{"computers": 3}', "fleet", ["ana"]) == {}
+
+
+def test_computers_that_a_run_left_out_are_not_gone():
+    """With --limit; and what was found there before is not told as mended, nor later as new."""
+    whole = {**make_report(fleets.fig12(), fleets.wall).document, "planned": list(fleets.fig12().computers)}
+    part = copy.deepcopy(whole)
+    part["computers"], part["findings"] = ["tibi-nav"], []
+    assert history.compare(whole, part) == history.compare(part, whole) == []
+    smaller = copy.deepcopy(whole)
+    smaller["computers"].remove("car-ext")
+    smaller["planned"].remove("car-ext")
+    assert history.compare(whole, smaller) == ["car-ext is gone"]
+    assert history.compare(smaller, whole) == ["car-ext is new"]
+    assert history.compare(smaller, part) == []
 
 
 def test_the_time_since_the_last_run_is_counted():
