@@ -7,6 +7,7 @@ import configparser
 import os
 import re
 import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -117,6 +118,38 @@ def test_the_inventory_of_the_readme_is_the_shipped_one():
     shipped = {str(path.relative_to(folder)): yaml.safe_load(path.read_text()) for path in folder.rglob("*.yml")}
     assert len(blocks) == 2 == text("README.md").count("```yaml")
     assert {name: yaml.safe_load(block) for name, block in blocks} == shipped
+
+
+INSTALL = re.compile(r"ansible-galaxy collection install ([^`\n]*)")
+SMALL = "namespace: rosfleet\nname: multimaster\nversion: 0.0.1\nreadme: README.md\nauthors: [somebody]\n"
+
+
+@pytest.mark.whole
+def test_the_collection_is_installed_where_ansible_looks_from_everywhere(tmp_path):
+    """Also in a clone, whose ansible.cfg has a folder of the clone first: by the command of the README, with a small repository."""
+    found = {
+        page: options for page in PAGES for options in INSTALL.findall(text(page)) if not page.startswith("changelogs")
+    }
+    assert {"README.md", "docs/start/first_fleet.md", "docs/start/machines.md"} <= set(found)
+    assert all(options.startswith("-p ~/.ansible/collections ") for options in found.values()), found
+    clone, small = tmp_path / "clone", tmp_path / "small"
+    for folder in (clone, small):
+        folder.mkdir()
+    (clone / "ansible.cfg").write_text(text("ansible.cfg"))
+    for name, content in (("galaxy.yml", SMALL), ("README.md", "# small\n")):
+        (small / name).write_text(content)
+    git = "git -c user.name=test -c user.email=test@localhost"
+    subprocess.run(f"git init -q && git add -A && {git} commit -q -m test", shell=True, cwd=small, check=True)
+    url = re.search(r"git\+\S+", found["README.md"]).group()
+    command = f"ansible-galaxy collection install {found['README.md']}".replace(url, f"git+file://{small}")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("ANSIBLE_")}
+    environment.update(HOME=str(tmp_path), PATH=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    done = subprocess.run(
+        ["bash", "-c", command], cwd=clone, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / ".ansible/collections/ansible_collections/rosfleet/multimaster/README.md").exists()
+    assert [path.name for path in clone.iterdir()] == ["ansible.cfg"]
 
 
 def test_the_table_of_the_playbooks_has_each_one():

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -30,6 +31,9 @@ TAG = "__ansible_type"  # a value of a type of Ansible's own, from ansible-core 
 #: Keys that Ansible's part of a module adds. Its messages become plain texts. The options are known to the controller.
 MESSAGES = ("warnings", "deprecations")
 TRACE, OPTIONS, CHANGES = "exception", "invocation", "diff"
+
+# By Ansible's part of a module, before ours begins: which Python it needs, and which one is there.
+_OLD_PYTHON = re.compile(r"Python3? (?:version )?(3\.\d{1,2})\b[^{}\"]{0,40}Current version: (3\.\d{1,2})\b")
 
 Result = dict[str, Any]
 
@@ -53,6 +57,19 @@ def find_answer(output: str) -> str:
     """
     lines = (line.strip() for line in reversed(output.splitlines()))
     return next((line for line in lines if line.startswith("{") and line.endswith("}")), "")
+
+
+class OldPython(NamedTuple):
+    """The Python of a robot that is too old for the ansible-core of the controller: "3.8" where "3.9" is needed."""
+
+    needed: str
+    found: str
+
+
+def find_old_python(text: str) -> OldPython | None:
+    """Return the Python of a robot where Ansible's part of a module says that it is too old; else None."""
+    said = _OLD_PYTHON.search(text) if len(text) < LINE else None
+    return OldPython(*said.groups()) if said else None
 
 
 def check_answer(text: str, answer: Answer) -> CheckedAnswer:

@@ -19,6 +19,7 @@ from typing import Any
 
 from ansible.errors import AnsibleConnectionFailure, AnsibleError
 from ansible.plugins.action import ActionBase
+from ansible.release import __version__ as ansible_version
 
 from .._base.plain_text import LINE, plain, plain_lines, quote
 from . import answer
@@ -27,6 +28,8 @@ from .documentation import Answer, read_documentation
 MODULES = Path(__file__).resolve().parents[2] / "modules"
 LONGEST = 1800.0  # seconds for one answer; `timeout` of a task, or ANSIBLE_TASK_TIMEOUT, ends it earlier
 MEMORY = 96 << 20  # bytes for one answer while it comes: Ansible keeps all of it, in several copies
+# The first release of ansible-core that does without a Python on robots.
+FIRST_WITHOUT = {"3.6": "2.17", "3.7": "2.18", "3.8": "2.20"}
 LAST_WORDS = 20_000  # characters of the output of a module that crashed
 
 Result = dict[str, Any]
@@ -81,6 +84,9 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
         text = answer.find_answer(str(res.get("stdout") or ""))
         if not text:
             return self._explain_silence(res)
+        old = answer.find_old_python(text)
+        if old:
+            return {"failed": True, "msg": self._explain_old_python(old)}
         try:
             # A play may have a former name of the module, which is a redirect.
             module = (self._task.resolved_action or self._task.action).rpartition(".")[2]
@@ -114,6 +120,14 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
             "module_stderr": words[1],
             "rc": res.get("rc"),
         }
+
+    def _explain_old_python(self, old: answer.OldPython) -> str:
+        bound = FIRST_WITHOUT.get(old.found)
+        install = f"on the controller, pip install 'ansible-core<{bound}', or " if bound else ""
+        return (
+            f"{self._robot}: its Python is {old.found}, and ansible-core {ansible_version} of the controller needs {old.needed} or later "
+            f"there; expected two that go together (docs/start/machines.md): {install}set ansible_python_interpreter to a later Python."
+        )
 
     def _explain_strange_answer(self, content: str) -> str:
         return (

@@ -52,6 +52,29 @@ def test_another_answer_is_a_sentence_that_names_the_robot(action):
     assert mentions(found["msg"], "kobuki", "rosfleet.multimaster.multimaster_packages", "add_host")
 
 
+@pytest.mark.parametrize(
+    ("said", "found", "bound"),
+    [
+        (
+            "Ansible requires Python 3.9 or newer on the target. Current version: 3.8.18 (default) [GCC 12.2.0]",
+            "3.8",
+            "2.20",
+        ),
+        ("ansible-core requires a minimum of Python version 3.8. Current version: 3.7.16 (x)", "3.7", "2.18"),
+        (
+            "ansible-core requires a minimum of Python2 version 2.7 or Python3 version 3.6. Current version: 3.5.2",
+            "3.5",
+            "",
+        ),
+    ],
+)
+def test_a_python_that_is_too_old_for_ansible_is_told_with_what_to_install(action, said, found, bound):
+    """As ansible-core 2.20, 2.19 and 2.16 say it, before a module begins; the door took it for an answer of something else."""
+    answered = action._parse_returned_data({"stdout": json.dumps({"msg": said, "failed": True}), "rc": 1}, *PROFILE)
+    assert answered["failed"] and mentions(answered["msg"], "kobuki", found, "docs/start/machines.md")
+    assert not bound or f"'ansible-core<{bound}'" in answered["msg"]
+
+
 def test_what_is_not_documented_is_left_out_with_a_warning(action):
     found = action._parse_returned_data({"stdout": '{"installed": [], "removed": [], "secret": 1}', "rc": 0}, *PROFILE)
     assert "secret" not in found
