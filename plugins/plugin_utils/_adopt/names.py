@@ -47,6 +47,11 @@ def _choose_name(name: str, host: str, taken: Counter[str], called: Counter[str]
         made = text.replace("_", "-")
         if made != text and _fits(made) and not called[made.lower()] and not taken[made.lower()]:
             return made, f"its name is {quote(text)}, and names in an inventory have no underscores"
+    return _make_name(name, host, taken, called)
+
+
+def _make_name(name: str, host: str, taken: Counter[str], called: Counter[str]) -> tuple[str, str]:
+    """Return a name that no machine has, and why."""
     made = "host-" + (re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:50] or "unnamed")
     while taken[made] or called[made]:
         made += "-2"

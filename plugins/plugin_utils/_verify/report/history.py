@@ -82,17 +82,22 @@ def _compare(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]
     # With --limit a run looks at some computers alone: the others are not gone.
     yield from _compare_names("", before["computers"], [*now["computers"], *planned["now"]], "gone")
     yield from _compare_names("", [*before["computers"], *planned["before"]], now["computers"], "new")
+    yield from _compare_robots(before, now)
+    if len({frozenset(document["computers"]) & planned["before"] & planned["now"] for document in (before, now)}) > 1:
+        return  # what one run has found at a computer, the other did not look for
+    old_findings, findings = ([entry["sentence"] for entry in document["findings"]] for document in (before, now))
+    yield from (f"new: {sentence}" for sentence in findings if sentence not in old_findings)
+    yield from (f"no longer: {sentence}" for sentence in old_findings if sentence not in findings)
+
+
+def _compare_robots(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is new and gone of each robot that both runs have read."""
     old = {entry["robot"]: entry for entry in before["robots"]}
     for entry in now["robots"]:
         other = old.get(entry["robot"])
         if other and other["read"] and entry["read"]:
             for kind in ("topics", "services"):
                 yield from _compare_names(f"{kind} of {entry['robot']}: ", other[kind], entry[kind])
-    if len({frozenset(document["computers"]) & planned["before"] & planned["now"] for document in (before, now)}) > 1:
-        return  # what one run has found at a computer, the other did not look for
-    old_findings, findings = ([entry["sentence"] for entry in document["findings"]] for document in (before, now))
-    yield from (f"new: {sentence}" for sentence in findings if sentence not in old_findings)
-    yield from (f"no longer: {sentence}" for sentence in old_findings if sentence not in findings)
 
 
 def _list_planned(document: Mapping[str, Any]) -> frozenset[str]:

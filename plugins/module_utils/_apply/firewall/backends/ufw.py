@@ -199,18 +199,8 @@ def arrange(text: str, planned: typing.Sequence[UfwRule], path: str) -> str:
             f"{path} has no line '### RULES ###', expected the file as ufw writes it: have ufw write it anew (ufw logging low), and run again."
         )
     top = rules.end()
-    good = {rule.text for rule in planned} - _find_misplaced(text)
-    seen: typing.Set[str] = set()
-
-    def keep(match: "typing.Match[str]") -> str:
-        rule = match.group("rule")
-        if rule not in good or rule in seen:
-            return ""
-        seen.add(rule)
-        return match.group()
-
-    text = _OURS.sub(keep, text)
-    missing = [rule for rule in planned if rule.text not in seen]
+    text, kept = _take_out(text, {rule.text for rule in planned} - _find_misplaced(text))
+    missing = [rule for rule in planned if rule.text not in kept]
     text = text[:top] + "".join(rule.render() for rule in missing if rule.is_allow) + text[top:]
     allows = [match.end() for match in _OURS.finditer(text) if _parse_rule(match.group("rule")).is_allow]
     place = allows[-1] if allows else top
@@ -222,6 +212,20 @@ def _find_misplaced(text: str) -> typing.Set[str]:
     rules = [_parse_rule(rule) for rule in _select_own(_TUPLE.findall(text))]
     last = max((number for number, rule in enumerate(rules) if rule.is_allow), default=0)
     return {rule.text for rule in rules[:last] if not rule.is_allow}
+
+
+def _take_out(text: str, good: typing.Set[str]) -> typing.Tuple[str, typing.Set[str]]:
+    """Return the text without our rules that are not good, or stand there twice; and those that it keeps."""
+    kept: typing.Set[str] = set()
+
+    def keep(match: "typing.Match[str]") -> str:
+        rule = match.group("rule")
+        if rule not in good or rule in kept:
+            return ""
+        kept.add(rule)
+        return match.group()
+
+    return _OURS.sub(keep, text), kept
 
 
 def _read_tuples() -> typing.List[str]:
