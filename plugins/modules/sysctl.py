@@ -18,6 +18,9 @@ description:
     so that an empty list takes back everything. A value that was changed by hand since then is left and named.
   - Check mode asks the kernel what it makes of values below V(net), in an empty network namespace, and fails where the run would.
     Where that is not possible, as in most containers, a warning names the values that it cannot judge.
+  - A key that comes with a kernel module (V(net.netfilter.nf_conntrack_max), V(net.bridge.bridge-nf-call-iptables) and the like) is not
+    there when the settings are made at boot, if the module is loaded later. So rules of udev
+    (C(/etc/udev/rules.d/90-rosfleet-multimaster.rules)) set it when the module comes.
   - The kernel changes other keys beside some keys, for example those of every interface with C(net.ipv4.ip_forward),
     C(net.ipv4.conf.default.rp_filter) or C(net.ipv6.conf.all.disable_ipv6). This module knows them, writes such a key first, and
     so gives every listed key its own value.

@@ -30,6 +30,8 @@ LONGEST = 1800.0  # seconds for one answer; `timeout` of a task, or ANSIBLE_TASK
 MEMORY = 96 << 20  # bytes for one answer while it comes: Ansible keeps all of it, in several copies
 # The first release of ansible-core that does without a Python on robots.
 FIRST_WITHOUT = {"3.6": "2.17", "3.7": "2.18", "3.8": "2.20"}
+NO_ROOM = "No usable temporary directory found"  # of Python, where a disk is full or read-only
+BESIDE_DISKS = "/dev/shm"  # a folder in memory, where each user may make files
 LAST_WORDS = 20_000  # characters of the output of a module that crashed
 
 Result = dict[str, Any]
@@ -59,7 +61,13 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
         """Run a module; see ActionBase. Ansible first asks the robot for its Python, so that answer has bounds as well."""
         self._robot = str((task_vars or {}).get("inventory_hostname", self._robot))
         result: Result = super()._execute_module(*args, task_vars=task_vars, **options)
-        return result
+        if NO_ROOM not in str(result.get("module_stderr")):
+            return result
+        # Before a module begins, Ansible's own program makes a folder, below /tmp in most cases.
+        self._task.environment = [*(self._task.environment or []), {"TMPDIR": BESIDE_DISKS}]
+        result = super()._execute_module(*args, task_vars=task_vars, **options)
+        note = f"{self._robot}: no file can be made in /tmp; expected a disk with room that can be written: look there with 'df /tmp' and 'mount'."
+        return {**result, "warnings": [*result.get("warnings", []), note]}
 
     def _low_level_execute_command(self, *args: Any, **options: Any) -> Result:
         """Run a command; see ActionBase. Its output has bounds, and the messages of ssh are plain text."""

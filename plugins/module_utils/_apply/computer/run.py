@@ -69,6 +69,8 @@ def _carry_out(
     for part in parts:
         if not part.concern.guarded and any(result.get("unconfirmed") for _name, result in results):
             break  # the run that confirms does the rest
+        # What waits already must not be taken back while this run goes on: the controller cannot confirm it before.
+        _wait_at_this_pace(parts, results, time.monotonic() - began)
         result = run_locked(part, part.concern.make, part.guard, unlocked)
         if result.get("changed"):
             unlocked = []  # said once

@@ -13,7 +13,7 @@ import re
 import typing
 
 from ..._base.problem import Problem
-from .boot import SYSCTL_FOLDERS, key_of, name_of, normal, variable_of
+from .boot import SYSCTL_FOLDERS, key_of, matches, name_of, normal, variable_of
 from .kernel import Values, WantedValue, find_side_effects, followers, keeps_deviations, rules_of
 from .record import Data, Entry, SettingsRecord
 
@@ -93,6 +93,32 @@ def drop_in_text(settings: typing.Iterable[WantedValue], optional: typing.Contai
     """The text of the drop-in for these settings, None for no drop-in. `optional`: keys that may be missing at boot."""
     lines = [
         f"{'-' if setting.key in optional else ''}{name_of(setting.key)} = {setting.value}\n" for setting in settings
+    ]
+    return HEADER + "".join(lines) if lines else None
+
+
+# Keys that come with a module of the kernel. It may be loaded after the settings are made at boot (sysctl.d(5)).
+_MODULES = (
+    ("net/netfilter/*", "nf_conntrack"),
+    ("net/nf_conntrack_max", "nf_conntrack"),
+    ("net/bridge/*", "br_netfilter"),
+    ("net/ipv4/vs/*", "ip_vs"),
+    ("net/sctp/*", "sctp"),
+)
+
+
+def rules_text(settings: typing.Iterable[WantedValue]) -> typing.Optional[str]:
+    """The text of the rules of udev that set keys when their module is loaded, None where there is no such key."""
+    keys: typing.Dict[str, typing.List[str]] = {}
+    for setting in settings:
+        for pattern, module in _MODULES:
+            if matches(pattern, setting.key):
+                keys.setdefault(module, []).append(setting.key)
+    lines = [
+        f'ACTION=="add", SUBSYSTEM=="module", KERNEL=="{module}", RUN+="/lib/systemd/systemd-sysctl'
+        + "".join(f" --prefix=/{key}" for key in found)
+        + '"\n'
+        for module, found in sorted(keys.items())
     ]
     return HEADER + "".join(lines) if lines else None
 

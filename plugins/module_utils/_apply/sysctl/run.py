@@ -29,6 +29,7 @@ _REMOVALS = {
 }
 
 _MODE = 0o644  # of the drop-in
+_RULES = "/etc/udev/rules.d/90-rosfleet-multimaster.rules"  # for the keys of modules that are loaded late
 # $1: a file of the kernel, $2: its value. One that has the value already is not set apart by writing it.
 _RESTORE = 'set -f; [ ! -e "$1" ] || [ "$(echo $(cat "$1"))" = "$2" ] || printf "%s\\n" "$2" >"$1"'
 
@@ -71,7 +72,7 @@ class SysctlRun(ModuleRun):
         self.settings = self._prefer_boot_values(options["settings"])
         self.file = self._place(self.drop_in)
         # Our drop-in, and those under earlier names.
-        self.texts_before = {self.drop_in: self._read_own_text(), **self._read_stale_texts()}
+        self.texts_before = {self.drop_in: self._read_own_text(self.drop_in), **self._read_stale_texts()}
         self.lost: typing.List[str] = []  # the keys with which IPv6 was off for a moment
         self.unknown: typing.List[str] = []  # the sentences of check mode on what only the change itself shows
 
@@ -83,6 +84,7 @@ class SysctlRun(ModuleRun):
         self.plan = plan.plan(self.settings, self.current, self.recorded._replace(folders=folders), self.drop_in)
         text = plan.drop_in_text(self.settings, self.optional)
         self.texts_after = {**dict.fromkeys(self.texts_before), self.drop_in: text}
+        self._add_rules()
         self.items = self._items()
         self.wrong_mode = self._wrong_mode()
         self.runtime_changes = bool(self.plan.writes)
@@ -113,18 +115,27 @@ class SysctlRun(ModuleRun):
         """The path of a drop-in below the root folder. Links of folders are followed, the file itself is not."""
         return os.path.join(self.tree.real(os.path.dirname(path)), os.path.basename(path))
 
-    def _read_own_text(self) -> typing.Optional[str]:
-        """The text of our drop-in, None where there is none. Raises Problem for a file that is not ours."""
-        if not os.path.lexists(self.file):
+    def _add_rules(self) -> None:
+        """Add the rules of udev that the settings need, where there is an udev, or those of ours that they need no longer."""
+        has_udev = boot.boots_with_systemd(self.tree) and self.tree.exists(os.path.dirname(_RULES))
+        wanted = plan.rules_text(self.settings) if has_udev else None
+        if wanted or self.tree.read(_RULES).startswith(plan.HEADER):
+            self.texts_before[_RULES], self.texts_after[_RULES] = self._read_own_text(_RULES), wanted
+
+    def _read_own_text(self, path: str) -> typing.Optional[str]:
+        """The text of a file of ours, the drop-in or the rules; None where there is none. Raises Problem for a file that is not ours."""
+        place = self._place(path)
+        if not os.path.lexists(place):
             return None
-        regular = os.path.isfile(self.file) and not os.path.islink(self.file)
-        text = self.tree.read(self.drop_in) if regular else ""
-        if regular and (text.startswith(plan.HEADER) or self.drop_in in self.stored.get("drop_ins", [])):
+        regular = os.path.isfile(place) and not os.path.islink(place)
+        text = self.tree.read(path) if regular else ""
+        if regular and (text.startswith(plan.HEADER) or path in self.stored.get("drop_ins", [])):
             return text
         why = "neither our first line nor our record" if regular else "no regular file, as this module writes one"
+        what, other = ("drop_in: ", ", or name another file in drop_in") if path == self.drop_in else ("", "")
         raise Problem(
-            f"drop_in: {self.drop_in} is there and not ours ({why}), expected no file or one that this module wrote: "
-            "move it away, or name another file in drop_in."
+            f"{what}{path} is there and not ours ({why}), expected no file or one that this module wrote: "
+            f"move it away{other}."
         )
 
     def _wrong_mode(self) -> typing.Optional[int]:

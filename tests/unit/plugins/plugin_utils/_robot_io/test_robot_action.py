@@ -207,3 +207,22 @@ def test_the_limit_needs_the_main_thread():
     thread.start()
     thread.join()
     assert ended
+
+
+def test_a_module_runs_where_no_file_can_be_made_on_the_disk(action, monkeypatch):
+    """Ansible's own program fails then, as it does on a full disk; tests/machines/test_alone.py has a full one."""
+    crash = {
+        "failed": True,
+        "module_stderr": "FileNotFoundError: [Errno 2] No usable temporary directory found in ['/tmp']",
+    }
+    ran = []
+
+    def execute(self, **options):
+        ran.append(list(self._task.environment or []))
+        return {"changed": False} if ran[-1] else dict(crash)
+
+    monkeypatch.setattr(ActionBase, "_execute_module", execute)
+    found = action._execute_module(module_args={}, task_vars={"inventory_hostname": "kobuki"})
+    assert ran == [[], [{"TMPDIR": "/dev/shm"}]]
+    assert found["changed"] is False and mentions(found["warnings"][0], "kobuki", "/tmp", "df /tmp")
+    assert action._execute_module(module_args={}, task_vars={}) == {"changed": False}

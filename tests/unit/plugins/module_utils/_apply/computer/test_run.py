@@ -3,6 +3,9 @@
 
 """Several concerns in one run: their order, their failures, and the confirmation of those that can cut the controller off."""
 
+import itertools
+import types
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.computer import run as computer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.computer.concerns import (
@@ -145,6 +148,21 @@ def test_risky_changes_are_tried_and_confirmed_together(carry_out, tmp_path):
     result = carry_out(*CONFIRMING, *REST)
     assert (result["unconfirmed"], result["changed"]) == (False, True)
     assert there(tmp_path) == {f"{name}-{kind}" for name in "abcd" for kind in ("now", "boot")}
+
+
+def test_a_change_that_waits_is_not_taken_back_while_a_slow_machine_goes_on(tmp_path, monkeypatch, carry_out):
+    """The kernel settings took 20 s, so they wait for 100 s from the moment at which the routes begin."""
+    clock, seen = itertools.count(0, 10), []
+    monkeypatch.setattr(computer, "time", types.SimpleNamespace(monotonic=lambda: next(clock)))
+
+    class Look(Change):
+        def apply_runtime(self):
+            seen.append(deadman.Switch("sysctl").state()["seconds"])
+            super().apply_runtime()
+
+    routes = ROUTES._replace(make=lambda module, memory: Look(module.params, memory))
+    assert carry_out(TRIED[0], (routes, TRIED[1][1]))["unconfirmed"] is True
+    assert seen == [100]
 
 
 def test_a_waiting_change_leaves_the_rest_to_the_second_run(carry_out, tmp_path):

@@ -292,6 +292,46 @@ def test_a_foreign_file_in_our_place_is_refused(machine, content):
     assert machine.state() == untouched
 
 
+RULES = "/etc/udev/rules.d/90-rosfleet-multimaster.rules"
+LATE = {"name": "net.netfilter.nf_conntrack_max", "value": "70000", "ignore_missing": True}
+
+
+def test_a_key_of_a_module_is_set_when_the_module_comes(machine):
+    machine.write("/etc/udev/rules.d/70-own.rules", "")
+    untouched = machine.state()
+    checked = machine.run([*REPORT, LATE], check=True)
+    applied = machine.run([*REPORT, LATE])
+    assert checked["diff"] == applied["diff"] and machine.drop_in.read_text().count("nf_conntrack_max") == 1
+    lines = (machine.root / RULES[1:]).read_text().splitlines()
+    assert lines[1:] == [
+        'ACTION=="add", SUBSYSTEM=="module", KERNEL=="nf_conntrack", '
+        'RUN+="/lib/systemd/systemd-sysctl --prefix=/net/netfilter/nf_conntrack_max"'
+    ]
+    assert not machine.run([*REPORT, LATE])["changed"]
+    (machine.root / RULES[1:]).unlink()
+    assert machine.run([*REPORT, LATE])["changed"] and (machine.root / RULES[1:]).exists()
+    machine.run(REPORT)
+    assert not (machine.root / RULES[1:]).exists()
+    machine.run([])
+    assert machine.state() == untouched
+
+
+def test_rules_of_somebody_else_in_our_place_are_refused_where_they_are_in_the_way(machine):
+    machine.write(RULES, "# mine\n")
+    before = machine.state()
+    failed = machine.run([LATE])
+    assert mentions(failed["msg"], RULES, "not ours")
+    assert machine.state() == before
+    machine.run(REPORT)
+    machine.run([])
+    assert machine.state() == before
+
+
+def test_without_udev_there_are_no_rules(machine):
+    machine.run([LATE])
+    assert not (machine.root / RULES[1:]).exists()
+
+
 def test_a_missing_key_is_named_before_anything_changes(machine):
     untouched = machine.state()
     result = machine.run([*REPORT, {"name": "net.ipv4.conf.wlan0.rp_filter", "value": "2"}])
