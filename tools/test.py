@@ -307,6 +307,7 @@ SUITES = [
             "tools/setup.sh",
             "tools/lock.sh",
             "lab/files/make-opt-ros",
+            "lab/files/node-box",
             "lab/files/ros-box",
             "lab/files/wire",
         ),

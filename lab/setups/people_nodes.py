@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-STARTERS = ("shell", "unit", "launch")
+STARTERS = ("shell", "unit", "launch", "container")
+BOX = "bash /usr/local/share/lab/node-box"
 PATIENCE = 40  # seconds until a node has registered
 _TALK = "rostopic pub -r 2 /{name} std_msgs/Int32 1"
 # rostopic ends without a roscore; a node of rospy waits for it.
@@ -28,6 +29,7 @@ class Wrong:
     after: str = ""  # `$pid` is the node
     back: str = ""
     registers: bool = True
+    bridge: bool = False  # of a container: it has a network of its own behind docker0, instead of that of its computer
 
     @property
     def master(self) -> str:
@@ -46,6 +48,14 @@ def _bridge(address: str) -> Wrong:
 
 
 DOCKER = _bridge("172.17.0.1")
+#: containers in a network of their own: nothing outside leads to what they announce
+BRIDGED = Wrong("announces the name of its container in a network of its own", bridge=True)
+BRIDGED_ADDRESS = Wrong(
+    "announces the address of its container in a network of its own", {"ROS_IP": "172.17.0.2"}, bridge=True
+)
+BRIDGED_AS_COMPUTER = Wrong(
+    "announces the name of its computer in a network of its own", {"ROS_HOSTNAME": "$(hostname)"}, bridge=True
+)
 HUNG = Wrong("is stopped", after="kill -STOP $pid")
 GONE = Wrong("was killed", after="kill -KILL $pid")
 FILTERED = Wrong(
@@ -92,6 +102,7 @@ def stop(name: str, wrong: Wrong) -> str:
         wrong.back,
         f"pid=$(cat /run/{name}.pid); kill -CONT $pid; kill $pid; for n in $(seq 20); do kill -0 $pid || break; sleep 0.3; done; kill -KILL $pid",
         f"systemctl stop {_unit(name)} || true",
+        f"{BOX} end {name}",
         f"yes | {uri}timeout 60 rosnode cleanup >/dev/null 2>&1 || true",
         f"rm -rf /run/{name} /run/{name}.pid /run/{name}.launch",
     ]
@@ -151,8 +162,23 @@ def _start_by_launch_file(name: str, wrong: Wrong) -> str:
     return "; ".join(steps)
 
 
+def _start_container(name: str, wrong: Wrong) -> str:
+    # As by `--env ROS_MASTER_URI --env ROS_HOSTNAME --env ROS_IP`, of which a person gives what counts.
+    hosts = {"ROS_HOSTNAME", "ROS_IP"}
+    taken = (
+        {"ROS_MASTER_URI", *hosts}
+        - wrong.variables.keys()
+        - (hosts if wrong.bridge or hosts & wrong.variables.keys() else set())
+    )
+    given = [f"${{{variable}:+{variable}=${variable}}}" for variable in sorted(taken)]
+    given += [f"{variable}={value}" for variable, value in sorted(wrong.variables.items())]
+    words = _TALK.format(name=name) if wrong.registers else _WAIT
+    return f"{BOX} run {name} {'bridge' if wrong.bridge else 'host'} {' '.join(given)} -- {words} __name:={name}"
+
+
 _START: Mapping[str, Callable[[str, Wrong], str]] = {
     "shell": _start_in_shell,
     "unit": _start_unit,
     "launch": _start_by_launch_file,
+    "container": _start_container,
 }

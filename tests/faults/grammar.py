@@ -16,7 +16,17 @@ from itertools import count
 
 from catalogue import Fault, Step
 from setups import people_nodes
-from setups.people_nodes import DOCKER, GONE, HUNG, Wrong, announce, use_roscore
+from setups.people_nodes import (
+    BRIDGED,
+    BRIDGED_ADDRESS,
+    BRIDGED_AS_COMPUTER,
+    DOCKER,
+    GONE,
+    HUNG,
+    Wrong,
+    announce,
+    use_roscore,
+)
 
 GATES = ("tibi-gate", "dabo-gate")
 MASTERS = ("kobuki-pc", *GATES)
@@ -231,8 +241,9 @@ def _file(place: Place) -> Draw:
 
 
 def _person(place: Place) -> Draw:
-    """A node of a person, started wrongly in a shell, a unit or a launch file."""
-    starter, wrong = place.choose(people_nodes.STARTERS), _choose_wrong(place)
+    """A node of a person, started wrongly in a shell, a unit, a launch file or a container."""
+    starter = place.choose(people_nodes.STARTERS)
+    wrong = _choose_wrong(place, contained=starter == "container")
     name = f"fault_person{place.dice.randrange(1000)}"
     master = next(host for host in MASTERS if ROBOT[host] == ROBOT[place.host])
     return Draw(
@@ -244,7 +255,7 @@ def _person(place: Place) -> Draw:
     )
 
 
-def _choose_wrong(place: Place) -> Wrong:
+def _choose_wrong(place: Place, *, contained: bool) -> Wrong:
     foreign = place.choose([name for name in COMPUTERS if ROBOT[name] != ROBOT[place.host]])
     its_master = next(host for host in MASTERS if ROBOT[host] == ROBOT[foreign])
     return place.dice.choice(
@@ -259,6 +270,7 @@ def _choose_wrong(place: Place) -> Wrong:
             use_roscore("http://localhost:11399", "uses a roscore that is not there", registers=False),
             HUNG,
             GONE,
+            *((BRIDGED, BRIDGED_ADDRESS, BRIDGED_AS_COMPUTER) * contained),
         ]
     )
 

@@ -18,6 +18,9 @@ def main():
     parser.add_argument("--single", type=int, default=2000, help="trials with one fault")
     parser.add_argument("--pairs", type=int, default=2000, help="trials with two faults")
     parser.add_argument("--healthy", type=int, default=1000, help="trials without a fault")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="the number of the first trial: others are drawn from another one on"
+    )
     parser.add_argument("--fault", action="append", choices=list(faults.BY_NAME), help="only this kind of fault")
     parser.add_argument("--misses", type=int, default=3, help="misses that are shown of each kind")
     chosen = parser.parse_args()
@@ -28,11 +31,11 @@ def main():
     ):
         if number:
             began = time.monotonic()
-            table = harness.scores(trials(range(number), rows))
+            table = harness.scores(trials(range(chosen.seed, chosen.seed + number), rows))
             print(f"{title} ({number} trials, {time.monotonic() - began:.0f} s)\n\n{harness.render(table)}\n")
             print(f"findings of a trial: {harness.render_findings(table)}\n")
             print(harness.render_misses(table, chosen.misses) + "\n")
-    alarms = list(harness.false_alarms(range(chosen.healthy)))
+    alarms = list(harness.false_alarms(range(chosen.seed, chosen.seed + chosen.healthy)))
     print(f"Healthy: {chosen.healthy - len(alarms)} of {chosen.healthy} without a finding")
     for number, said in alarms[:10]:
         print(f"trial {number}: {said}")

@@ -402,7 +402,7 @@ def wrong_host(*hosts):
     def choose(state, random, plan):
         host = random.choice(hosts)
         source = "ROS_IP" if host[0].isdigit() else "ROS_HOSTNAME"
-        return {"host": host, "source": source, "starter": random.choice(("shell", "unit", "launch"))}
+        return {"host": host, "source": source, "starter": random.choice(("shell", "unit", "launch", "container"))}
 
     return choose
 

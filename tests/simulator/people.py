@@ -12,6 +12,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 
 from tests.simulator.network import CONNECTED
 
+UNITS = {"unit": "people.service", "container": "docker-0badcafe.scope"}  # of what has started a node
 PORT = 41233  # of the first; each other one has the next
 
 
@@ -81,7 +82,7 @@ def processes(state, computer):
         member = next(one for one in state.fleet.members if one.name == node.computer)
         own = {member.name, str(member.address), str(member.discovery_address)}
         if node.computer == computer and (node.host not in own or node.master or node.hung):
-            name, unit = node.name.rpartition("/")[2], {"unit": "people.service"}.get(node.starter, "session-4.scope")
+            name, unit = node.name.rpartition("/")[2], UNITS.get(node.starter, "session-4.scope")
             process = seen.NodeHost(node.host, node.source, unit, (port,), name, node.master, node.starter)
             found.append(replace(process, stopped=node.hung))
     return tuple(found)

@@ -44,6 +44,9 @@ def test_persons_start_nodes_in_each_way():
         assert any(f"a {starter} has started" in title for title in titles)
     for words in ("loopback", "docker0", "another robot's computer", "roscore of another robot", "stopped", "killed"):
         assert any(words in title for title in titles), words
+    bridged = [title for title in titles if "network of its own" in title]
+    assert len({title.partition(": ")[2] for title in bridged}) == 3, bridged
+    assert all("a container has started" in title for title in bridged), bridged
 
 
 def test_two_faults_at_once_are_on_two_computers_and_one_is_a_persons():
