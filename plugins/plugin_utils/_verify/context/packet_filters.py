@@ -50,7 +50,8 @@ class ReadFilters:
 
     def list_origins(self, component: Component) -> tuple[str, ...]:
         """List the chains, as "family table chain", of the rule that was found for a component; none where a rule did not show it."""
-        return self.rules[component].origins if component in self.rules else ()
+        shown = self.rules.get(component) or self.rules.get(component._replace(what=""))
+        return shown.origins if shown else ()
 
     def _name_filter(self, rule: Rule, place: str, mode: str, what: str = "") -> Component:
         component = Component("filter", place, mode, what)

@@ -12,6 +12,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
+from ..._plan.model import FleetPlan
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Row, Verification
 from ..components.component import HEARSAY, Component
 from ..context.check_context import LATELY
@@ -21,6 +22,7 @@ from .evidence import INFERRED, LOCATED, SEEN
 from .finding import NAMED, Diagnosis, Finding
 from .offsets import offset
 from .onset import describe_onset
+from .ports import find_port
 from .rules import decide
 from .scene import Scene
 
@@ -86,11 +88,12 @@ def _count_seconds(scene: Scene, entry: Finding) -> float:
 def _add_details(scene: Scene, entry: Finding, is_explained: bool) -> Finding:
     """Add what the machine at its place tells: since when, by how much, and what mends it."""
     computer = scene.find_computer(entry.component)
+    told = _add_port(_add_clock_offset(entry), scene.verification.fleet)
     return replace(
-        _add_clock_offset(entry),
+        told,
         because=make_because(scene, entry) if is_explained else None,
         since=describe_onset(entry.component, computer, scene.verification.state),
-        commands=make_commands((entry.component, *entry.also), computer, scene.verification.state),
+        commands=make_commands((told.component, *entry.also), computer, scene.verification.state),
         inventory=scene.verification.inventory,
     )
 
@@ -109,6 +112,16 @@ def _add_clock_offset(entry: Finding) -> Finding:
         component._replace(what=offset(component, (*entry.proof, *entry.rows)) or component.what)
         if component.kind == "clock"
         else component
+        for component in entry.candidates
+    ]
+    return replace(entry, component=components[0], rivals=tuple(components[1:]))
+
+
+def _add_port(entry: Finding, fleet: FleetPlan) -> Finding:
+    """Say of a packet filter which port it closes in this fleet."""
+    rows = (*entry.proof, *entry.rows)
+    components = [
+        component if component.what else component._replace(what=find_port(component, rows, fleet))
         for component in entry.candidates
     ]
     return replace(entry, component=components[0], rivals=tuple(components[1:]))
