@@ -10,7 +10,18 @@ import argparse
 import sys
 import time
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.explanation import write_explanation
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.content import list_findings
+
 from tests.simulator import faults, harness
+
+
+def explain(number, row):
+    """Say what was injected in a trial, and why each finding was made, as `report -e explain=all` does."""
+    trial = harness.draw(number, [[row]])
+    yield from (f"{fault.name} at {place}" for fault, place in trial.faults)
+    for place, entry in enumerate(list_findings(harness.diagnose(trial.state.fleet, trial.observations)), 1):
+        yield from write_explanation(place, entry, 160)
 
 
 def main():
@@ -23,8 +34,14 @@ def main():
     )
     parser.add_argument("--fault", action="append", choices=list(faults.BY_NAME), help="only this kind of fault")
     parser.add_argument("--misses", type=int, default=3, help="misses that are shown of each kind")
+    parser.add_argument(
+        "--explain", type=int, metavar="TRIAL", help="only this trial with one fault: why each finding was made"
+    )
     chosen = parser.parse_args()
     rows = tuple(faults.BY_NAME[name] for name in chosen.fault) if chosen.fault else faults.FAULTS
+    if chosen.explain is not None:
+        print("\n".join(explain(chosen.explain, rows[chosen.explain % len(rows)])))
+        return
     for title, number, trials in (
         ("One fault: the right part is named first", chosen.single, harness.single_faults),
         ("Two faults: each is among the first three", chosen.pairs, harness.pairs_of_faults),

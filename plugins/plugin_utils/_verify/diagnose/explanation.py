@@ -12,6 +12,7 @@ from ..._base.plain_text import plain
 from ..._base.sentences import shorten_list
 from ..checks.table import TITLES
 from . import evidence
+from .rules import BY_ID
 
 LEAST = 20  # columns of a text
 MOST = 10  # lines of an explanation
@@ -116,6 +117,8 @@ def _name_row(row: Mapping[str, Any]) -> str:
 
 
 def _name_files(entry: Mapping[str, Any]) -> str:
-    """Name the files that decide, for who corrects a finding."""
-    judges = dict.fromkeys(one["source"] for one in entry["because"]["shown_by"] if one["source"])
-    return f"see {', '.join(judges) or 'checks'}, {entry['id']} in {TABLE}, and {RULES}"
+    """Name the files that decide, for who corrects a finding: first those of the rule, then the judges of what has shown it."""
+    rule = BY_ID.get(entry["because"]["rule"])
+    judges = (one["source"] for one in entry["because"]["shown_by"] if one["source"])
+    files = dict.fromkeys((*(rule.decides if rule else ()), *judges))
+    return f"see {', '.join(files) or 'checks'}, {entry['id']} in {TABLE}, and {RULES}"

@@ -38,6 +38,8 @@ class DecisionRule(NamedTuple):
     certainty: str
     kind: str
     apply: Callable[[Scene, str], None]
+    # The files below _verify where a wrong finding of it is corrected. None: the judge of the check decides.
+    decides: tuple[str, ...] = ()
 
 
 # Rows one by one
@@ -228,6 +230,7 @@ RULES: Sequence[DecisionRule] = (
         SEEN,
         BLOCKING_RULE,
         _by_row(_find_drop),
+        ("context/packet_filters.py", "../_network/facts.py"),
     ),
     DecisionRule(
         "trace-sign",
@@ -235,15 +238,40 @@ RULES: Sequence[DecisionRule] = (
         SEEN,
         TRACE,
         _by_row(_find_sign),
+        ("trace/suspects.py",),
     ),
     DecisionRule("value", "a value that was read is not the expected one", SEEN, VALUE, _by_row(_find_value)),
     DecisionRule(
-        "errno", "an error of what the check has sent leaves one component alone", SEEN, ERRNO, _by_row(_find_error)
+        "errno",
+        "an error of what the check has sent leaves one component alone",
+        SEEN,
+        ERRNO,
+        _by_row(_find_error),
+        ("context/errors.py",),
     ),
-    DecisionRule("consequence", "another fault of the same place brings it about", SEEN, VALUE, _drop_consequences),
-    DecisionRule("effect", "with the known faults, the packets end at one of them", SEEN, VALUE, _use_effects),
     DecisionRule(
-        "trace-end", "packets were followed to their end, which leaves this component", LOCATED, TRACE, _use_ends
+        "consequence",
+        "another fault of the same place brings it about",
+        SEEN,
+        VALUE,
+        _drop_consequences,
+        ("components/component.py",),
+    ),
+    DecisionRule(
+        "effect",
+        "with the known faults, the packets end at one of them",
+        SEEN,
+        VALUE,
+        _use_effects,
+        ("diagnose/effects.py", "context/actual_world.py"),
+    ),
+    DecisionRule(
+        "trace-end",
+        "packets were followed to their end, which leaves this component",
+        LOCATED,
+        TRACE,
+        _use_ends,
+        ("trace/suspects.py", "trace/findings.py"),
     ),
     DecisionRule(
         "loss",
@@ -251,11 +279,24 @@ RULES: Sequence[DecisionRule] = (
         INFERRED,
         INFERENCE,
         _explain_loss,
+        ("diagnose/cover.py", "context/needs.py"),
     ),
     DecisionRule(
-        "cover", "it explains most of what is left, and no success clears it", INFERRED, INFERENCE, _choose_components
+        "cover",
+        "it explains most of what is left, and no success clears it",
+        INFERRED,
+        INFERENCE,
+        _choose_components,
+        ("diagnose/cover.py", "context/needs.py"),
     ),
-    DecisionRule("chance", "packets are known to get lost on its way", INFERRED, INFERENCE, _take_chance),
+    DecisionRule(
+        "chance",
+        "packets are known to get lost on its way",
+        INFERRED,
+        INFERENCE,
+        _take_chance,
+        ("context/needs.py",),
+    ),
 )
 BY_ID = {rule.id: rule for rule in RULES}
 

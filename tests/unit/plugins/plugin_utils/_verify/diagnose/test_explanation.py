@@ -41,6 +41,14 @@ def test_a_trace_names_each_computer_in_order():
     assert trace.index("router: left by eth0") < trace.index(" > tibi-visio: came in by eth0, ends ")
 
 
+def test_who_corrects_a_finding_is_led_to_the_file_of_its_rule():
+    """A followed packet is judged in the trace, a wrong route by the check."""
+    for found, file in ((_followed(), "trace/suspects.py"), (diagnosed(lost_route, fig12()), "checks/network.py")):
+        (entry, *_more) = content.list_findings(found)
+        (files,) = [text for label, text in list_lines(entry) if label == "wrong?"]
+        assert files.startswith(f"see {file}")
+
+
 @pytest.mark.parametrize(
     ("option", "expected"), [("", []), ("2", [2]), ("1, 3", [1, 3]), ("all", [1, 2, 3]), (" ,", [])]
 )
