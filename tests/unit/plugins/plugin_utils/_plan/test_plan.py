@@ -1,13 +1,17 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The plan of a robot whose roscore is on a sealed computer: its companion gets the nodes, and nobody gets a login there."""
+"""The plan: what each kind of computer gets. The companion of a sealed roscore gets the nodes, and nobody gets a login there."""
 
 from ipaddress import IPv4Address
 
-from fleets import COMPANION, ONE, SEALED, plan, sealed
+import pytest
+from fleets import COMPANION, ONE, SEALED, fig12, plan, sealed
 
 AT = IPv4Address("192.168.1.40")
+EVERY = {"net.ipv4.icmp_echo_ignore_broadcasts": "0", "net.ipv4.conf.all.arp_ignore": "3"}
+FORWARDS = {"net.ipv4.ip_forward": "1", "net.ipv4.conf.all.rp_filter": "2"}
+NO_REDIRECTS = {f"net.ipv4.conf.{name}.send_redirects": "0" for name in ("all", "default", "{common}")}
 
 
 def test_the_companion_runs_the_nodes_of_a_sealed_roscore():
@@ -41,3 +45,12 @@ def test_nothing_is_planned_on_a_sealed_computer():
     assert of_sealed.sealed and not of_sealed.services and not of_sealed.environment and not of_sealed.sysctl
     assert not of_sealed.look_at.parts and not of_sealed.listens
     assert SEALED not in [listener.name for listener in sealed().listeners]
+
+
+@pytest.mark.parametrize(
+    ("computer", "expected"),
+    [("tibi-nav", EVERY), ("tibi-visio", {**EVERY, **FORWARDS}), ("router", {**FORWARDS, **NO_REDIRECTS})],
+)
+def test_each_kind_of_computer_has_its_kernel_settings(computer, expected):
+    """The table of docs/start/multi_computer.md says them in words."""
+    assert {entry.name: entry.value for entry in fig12().computers[computer].sysctl} == expected

@@ -19,11 +19,13 @@ import pytest
 from ansible.errors import AnsibleFilterError
 from ansible_collections.rosfleet.multimaster.plugins.filter.router_config import router_config
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan import router_config as router_config_module
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.dialects import DIALECTS
 from hypothesis import given
 from hypothesis import strategies as st
 from mentioned import mentions
 
 GOLDEN = pathlib.Path(__file__).parents[3] / "golden" / "router_config"
+PAGE = pathlib.Path(__file__).parents[5] / "docs/start/router.md"
 
 # The report's fleet, but for two things: the gateway of dabo is a device of another make, and car has a wider network.
 PLAN = {
@@ -178,6 +180,15 @@ def test_openwrt_first_forgets_its_own_sections_and_no_other(device, file, tmp_p
 # What is asked for.
 
 
+def test_the_page_has_each_dialect():
+    """A row of the table, and a word of the variable that chooses."""
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    (chosen,) = (line for line in lines if line.startswith("| `router_config_dialects` |"))
+    assert set(DIALECTS) <= set(re.findall(r"`(\w+)`", chosen))
+    begun = [line.split("`")[1] for line in lines if line.startswith("| `")]
+    assert [name for name in begun if name in DIALECTS] == list(DIALECTS)
+
+
 def test_dialects_and_interfaces_are_chosen():
     files = router_config(PLAN, ["ios"], {"router": {"ios": "Vlan10"}})
     assert [file["path"] for file in files] == [
@@ -201,7 +212,7 @@ def test_a_router_without_an_address():
 @pytest.mark.parametrize(
     "arguments, sentence",
     [
-        ((["junos"],), "router_config_dialects junos"),
+        ((["nosuch"],), "router_config_dialects nosuch"),
         (("ios",), "router_config_dialects ios"),
         (
             (["ios"], {"gateway-tibi": {}}),
