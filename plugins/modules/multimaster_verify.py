@@ -705,7 +705,7 @@ node_hosts:
   elements: dict
   sample:
     - {host: 127.0.0.1, source: ROS_IP, unit: session-4.scope, ports: [41233, 46011], node: odom_pub, master: '', starter: shell,
-        launch: '', stopped: false, readable: true}
+        launch: '', stopped: false, readable: true, apart: false}
   contains:
     host: {description: 'The host, or empty if it is not known.', returned: always, type: str}
     source: {description: 'The variable or argument that has decided it (C(ROS_HOSTNAME), C(ROS_IP), C(__hostname), C(__ip)),
@@ -720,6 +720,8 @@ node_hosts:
     launch: {description: 'The name of the launch file, or empty.', returned: always, type: str}
     stopped: {description: Whether it is stopped by a signal or a debugger., returned: always, type: bool}
     readable: {description: Whether its environment can be read; in some containers root may not., returned: always, type: bool}
+    apart: {description: 'Whether it is in a network of its own, as a container of a bridge is: its ports are not there on
+          the computer.', returned: always, type: bool}
 changes:
   description: When files were changed and services were started that may decide names and packet filters. What
     a kernel was told by hand has no time.

@@ -585,6 +585,11 @@ FAULTS = (
         start(lambda *_all: {}, master="http://old-pc:11311/", registered=False),
         (("node", "master"),),
     ),
+    Fault(
+        "a node in a network of its own",
+        start(lambda *_all: {}, starter="container", apart=True),
+        (("node", "network"),),
+    ),
     Fault("services elsewhere", start(lambda *_all: {}, services="127.0.0.1"), (("node", "services"),)),
     Fault("a node that hangs", start(lambda *_all: {}, hung=True), (("node", "hung"),)),
     Fault("a node behind a packet filter", start(lambda *_all: {}, fenced=True), (("node", "fenced"), *FENCES)),

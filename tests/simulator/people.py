@@ -29,7 +29,7 @@ def _nodes(state):
 
 def _type(node):
     """The type of a node's topic. One that hangs, or takes no connections, has none: filters leave its topic out, so it is nowhere else."""
-    return "" if node.hung or node.fenced else "std_msgs/String"
+    return "" if node.hung or node.fenced or node.apart else "std_msgs/String"
 
 
 def add(ros, computer, exchange):
@@ -42,9 +42,8 @@ def add(ros, computer, exchange):
         error = "timed out" if node.hung else "" if node.fenced else _connect(ros, computer, node, places[node])
         if error:
             outcome = Outcome.NO_ANSWER if node.hung else CONNECTED.get(error, Outcome.UNKNOWN_NAME)
-            silences.append(
-                seen.SilentNode(node.name, node.host, error, outcome, Outcome.OPEN if node.hung else outcome)
-            )
+            opens = Outcome.OPEN if node.hung else outcome
+            silences.append(seen.SilentNode(node.name, node.host, error, outcome, opens, places[node]))
     odd = [node for node in nodes if node.host not in hosts_of(fleet, robot) or node.services]
     return replace(
         exchange,
@@ -68,6 +67,8 @@ def _list_unreached(ros, robot, places):
 
 
 def _connect(ros, computer, node, port):
+    if node.apart and node.host in hosts_of(ros.fleet, ros.fleet.computers[node.computer].robot):
+        return ros.reach(computer, node.host, port)[0] or "Connection refused"
     if node.host.startswith("127.") or node.host == "localhost":
         return "" if node.computer == computer else "Connection refused"
     if node.host in hosts_of(ros.fleet, ros.fleet.computers[node.computer].robot):
@@ -81,8 +82,8 @@ def processes(state, computer):
     for node, port in _nodes(state).items():
         member = next(one for one in state.fleet.members if one.name == node.computer)
         own = {member.name, str(member.address), str(member.discovery_address)}
-        if node.computer == computer and (node.host not in own or node.master or node.hung):
+        if node.computer == computer and (node.host not in own or node.master or node.hung or node.apart):
             name, unit = node.name.rpartition("/")[2], UNITS.get(node.starter, "session-4.scope")
             process = seen.NodeHost(node.host, node.source, unit, (port,), name, node.master, node.starter)
-            found.append(replace(process, stopped=node.hung))
+            found.append(replace(process, stopped=node.hung, apart=node.apart))
     return tuple(found)

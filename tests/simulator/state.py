@@ -37,6 +37,7 @@ class Node:
     host: str  # that it announces
     source: str = "ROS_IP"  # what has decided that
     starter: str = "shell"
+    apart: bool = False  # in a network of its own, which nothing outside reaches
     services: str = ""  # the host of its services, where that is another one
     master: str = ""  # its roscore, where that is not the one of its robot
     registered: bool = True

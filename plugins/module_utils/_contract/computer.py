@@ -129,7 +129,7 @@ class FileLimit(Struct):
 
 
 class NodeHost(Struct):
-    """A process of ROS that announces a host which the plan does not have for its computer, uses another roscore, or is stopped."""
+    """A process of ROS that announces a host which the plan does not have for its computer, uses another roscore, is stopped, or is apart."""
 
     host: str = field("The host, or empty if it is not known.", "127.0.0.1", needed=True)
     source: str = field(
@@ -144,6 +144,10 @@ class NodeHost(Struct):
     launch: str = field("The name of the launch file, or empty.", "")
     stopped: bool = field("Whether it is stopped by a signal or a debugger.", False)
     readable: bool = field("Whether its environment can be read; in some containers root may not.", True, default=True)
+    apart: bool = field(
+        "Whether it is in a network of its own, as a container of a bridge is: its ports are not there on the computer.",
+        False,
+    )
 
 
 class ContainerNames(Struct):

@@ -155,6 +155,7 @@ class SilentNode(Struct):
     tcp_outcome: Outcome = field(
         "What came of a TCP connection to it, V(open) where the node takes it and does not answer.", "refused"
     )
+    port: int = field("The port in its URI.", 41233)
 
 
 class UnreachedNode(Struct):

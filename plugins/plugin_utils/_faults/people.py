@@ -86,6 +86,16 @@ NODES: Mapping[Key, Fault] = {
         "a node uses another roscore",
         look=MASTER_LOOK,
     ),
+    ("node", "network"): _node(
+        0,
+        "on {place} {what}, and is in a network of its own, as a container is without --network host: no connection to {place} reaches it",
+        "a node announces its computer",
+        hand(
+            "start it in the network of {place}: a container with --network host (compose: network_mode: host), a unit without "
+            "PrivateNetwork"
+        ),
+        look=(on("ss -ltnp; lsns -t net", "the first lists no port of the node"),),
+    ),
     ("node", "fenced"): _node(
         9,
         "{what} on {place} takes no connections of other robots: a packet filter drops those to its ports",

@@ -64,8 +64,13 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     others = {node: uri for node, uri in nodes.items() if not _is_talker(node)}
     found["nodes"] = {"registered": len(others), "asked": asked, "hosts": node_hosts.count_hosts(others)}
     found["silent"] = _drop_ended(ros, sorted(silent), nodes)
-    found["silences"] = [dict(silent[node], node=node, host=host_of(nodes[node])) for node in found["silent"]]
+    found["silences"] = [dict(silent[node], node=node, **_place(nodes[node])) for node in found["silent"]]
     return found
+
+
+def _place(uri: str) -> typing.Dict[str, typing.Any]:
+    host, port = place_of(uri)
+    return {"host": host, "port": port}
 
 
 def _add_sums(ros: Ros, topics: typing.List[typing.Dict[str, typing.Any]]) -> str:

@@ -33,7 +33,7 @@ _OURS = re.compile(r"multimaster-[a-z-]+\.service\Z")  # checks of their own loo
 
 
 def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc") -> typing.List[Row]:
-    """List processes of ROS on this computer that announce a host which is not planned for it, use another roscore than `master`, or are stopped.
+    """List processes of ROS on this computer that are not as planned: the host that they announce, their roscore, or their network; or stopped.
 
     A process of ROS has ROS_MASTER_URI, or the name of a node among its words, and listens, as each node does. A node whose
     environment cannot be read, as root in a container may not, is listed with what its command line says.
@@ -106,6 +106,10 @@ class Sockets:
             self._ports[network] = self._read(os.path.join(self._proc, str(pid)))
         return sorted({self._ports[network][inode] for inode in inodes if inode in self._ports[network]})
 
+    def is_apart(self, pid: int) -> bool:
+        """Return True if a process is in another network than this one, as in a container of a bridge; False where nobody may look."""
+        return _find_network(self._proc, str(pid)) not in ("", self._own)
+
 
 def _find_network(proc: str, pid: str) -> str:
     """Return the name of the network namespace of a process (namespaces(7)); empty where it cannot be read."""
@@ -126,8 +130,8 @@ def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Opt
         return None
     host, source = _find_host(arguments, variables, contained, pid, proc) if is_read else ("", "")
     master = arguments.get("__master") or variables.get("ROS_MASTER_URI", "")
-    is_stopped = processes.is_stopped(pid, proc)
-    if is_read and not is_stopped and planned.is_usual(host, master):
+    is_stopped, is_apart = processes.is_stopped(pid, proc), sockets.is_apart(pid)
+    if is_read and not is_stopped and not is_apart and planned.is_usual(host, master):
         return None
     own_ports = sockets.list_ports(pid) if is_read else []
     if is_read and not own_ports:
@@ -144,6 +148,7 @@ def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Opt
         "ports": own_ports[:MOST],
         "stopped": is_stopped,
         "readable": is_read,
+        "apart": is_apart,
     }
 
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""People's nodes that announce a host where others do not reach them, or use another roscore than their robot's, with the process that does so.
+"""People's nodes that announce a host where others do not reach them, or use another roscore than their robot's, with their process.
 
 A node announces the host of ROS_HOSTNAME or ROS_IP of its shell or unit, or else the name of its computer. Other nodes connect
 to that host, so with a wrong one the node hears others and nobody hears it. The roscore is that of ROS_MASTER_URI.
@@ -17,7 +17,7 @@ from ..._base.hosts import host_of
 from ..._base.sentences import shorten_list
 from ..._plan.model import FleetPlan, Membership
 from ..components.component import Component
-from ..observe.observations import AnnouncedHost, ForwardingInterface, NodeHost, Probe
+from ..observe.observations import AnnouncedHost, ForwardingInterface, NodeHost, Probe, SilentNode
 from .registrations import TEST_NODES
 
 LOOPBACK_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback")
@@ -138,6 +138,18 @@ def find_misplaced(fleet: FleetPlan, probes: Mapping[str, Probe]) -> dict[str, d
             is_fine = _is_guest(one, fleet.belonging) or (one.mode == "name" and _leads_home(one, row, seen, robot))
             if not row.node.startswith(TEST_NODES) and not is_fine:
                 found.setdefault(robot, {})[row.node] = one
+        found.setdefault(robot, {}).update(_find_apart(seen, robot, probe.exchange.silences))
+    return {robot: nodes for robot, nodes in found.items() if nodes}
+
+
+def _find_apart(seen: _Fleet, robot: str, silences: Iterable[SilentNode]) -> dict[str, Misplaced]:
+    """Find the nodes that announce their computer, and do not answer there, since they listen in a network of their own."""
+    found = {}
+    for row in silences:
+        at = seen.at.get(row.host, "")
+        for computer, process in seen.list_processes(robot):
+            if computer == at and process.apart and row.port in process.ports and process.host == row.host:
+                found[row.node] = Misplaced(row.node, row.host, "network", computer, process)
     return found
 
 

@@ -39,6 +39,8 @@ def _list_nodes(state: FleetState) -> Iterable[Misplaced]:
 
 
 def _describe(one: Misplaced, computer: Participant | None) -> Advices:
+    if one.mode == "network" and one.process.starter != "container":
+        return ()  # what its shell or unit says is right
     starter = _STARTERS.get(one.process.starter)
     if starter is None or computer is None:
         return ()

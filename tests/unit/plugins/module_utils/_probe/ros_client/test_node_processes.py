@@ -11,6 +11,7 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node_processes
+from namespaces import why_not
 
 MEMBERS = [
     {"name": "here-pc", "robot": "one", "address": "192.168.11.2", "discovery_address": "192.168.1.2"},
@@ -32,10 +33,10 @@ def _is_it(row, port):
     return port in row["ports"] and row["starter"] != "container"
 
 
-def _find(variables, *words, master="http://here-pc:11311/"):
-    """The row of a real process that listens, started with these variables and words."""
+def _find(variables, *words, master="http://here-pc:11311/", within=()):
+    """The row of a real process that listens, started with these variables and words, within another command."""
     process = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *words],
+        [*within, sys.executable, "-c", PROGRAM, *words],
         env={"PATH": os.environ["PATH"], **variables},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -71,6 +72,14 @@ def test_without_a_variable_it_is_the_name_of_the_computer(monkeypatch):
     monkeypatch.setattr(node_processes.socket, "gethostname", lambda: "ubuntu")
     (row,) = _find(ROS)
     assert (row["host"], row["source"], row["starter"]) == ("ubuntu", "hostname", "shell")
+
+
+@pytest.mark.skipif(bool(why_not()), reason=why_not())
+def test_a_process_in_a_network_of_its_own_is_told():
+    (row,) = _find(HERE, within=("unshare", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh"))
+    assert (row["host"], row["apart"]) == ("here-pc", True)
+    (row,) = _find({**ROS, "ROS_IP": "127.0.0.1"})
+    assert not row["apart"]
 
 
 @pytest.mark.parametrize(

@@ -141,11 +141,20 @@ def _announces(host, process=True, computer=TWO):
     return change
 
 
+def _is_apart(seen):
+    """The base of the second robot runs in a container with a network of its own, and announces its computer."""
+    silence = SilentNode("/kobuki2/base", TWO, "Connection refused", Outcome.REFUSED, port=41233)
+    update(seen[TWO].probe.exchange, silent=["/kobuki2/base"], silences=[silence])
+    process = NodeHost(TWO, "ROS_HOSTNAME", "docker-77.scope", (41233, 46011), "base", starter="container", apart=True)
+    update(seen[TWO].probe, node_hosts=[process])
+
+
 ROBOTS = "kobuki1 and kobuki2"
 
 # The change, a check that tells it, its verdict, and the part that is named.
 FAULTS = [
     (_exchange_of(ONE, silent=["/dead"]), "nodes_answer", WARNING, "registration", ONE, "ghost"),
+    (_is_apart, "node_hosts", FAILED, "node", TWO, "network"),
     (_announces("127.0.0.1"), "node_hosts", FAILED, "node", TWO, "loopback"),
     (_announces("localhost"), "node_hosts", FAILED, "node", TWO, "loopback"),
     (_announces("10.9.8.7"), "node_hosts", FAILED, "node", TWO, "address"),

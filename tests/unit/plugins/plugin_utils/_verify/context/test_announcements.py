@@ -13,7 +13,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     ForwardingInterface,
     NodeHost,
     RefusedName,
+    SilentNode,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import TWO, fig12, observed, of, plan, update
 
 MASTER, INNER = "tibi-visio", "tibi-nav"
@@ -159,3 +161,21 @@ def test_another_name_that_leads_home_everywhere_is_fine(addresses, refused, is_
     found = find_misplaced(fleet, {name: one.probe for name, one in seen.items()})
     assert bool(found) is is_told
     assert not refused or found["tibi"][NODE].refused == (("dabo", "it is no computer of tibi"),)
+
+
+@pytest.mark.parametrize(
+    ("computer", "more", "found"),
+    [
+        (INNER, {"apart": True}, True),
+        (INNER, {"apart": False}, False),  # it listens on the computer, so something else is in the way
+        (MASTER, {"apart": True}, False),  # another node has the same port
+    ],
+)
+def test_a_node_in_a_network_of_its_own_is_not_on_the_computer_that_it_announces(computer, more, found):
+    fleet = fig12()
+    seen = observed(fleet)
+    silence = SilentNode(NODE, INNER, "Connection refused", Outcome.REFUSED, port=PORT)
+    update(seen[MASTER].probe.exchange, silent=[NODE], silences=[silence])
+    update(seen[computer].probe, node_hosts=[_process(INNER, **more)])
+    told = find_misplaced(fleet, {name: one.probe for name, one in seen.items()}).get("tibi", {})
+    assert [(one.mode, one.computer) for one in told.values()] == ([("network", INNER)] if found else [])

@@ -9,7 +9,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflig
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
     NodeHost,
+    SilentNode,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import TWO, diagnosed, update
 
 
@@ -63,3 +65,19 @@ def test_the_line_that_sets_the_variable_is_named():
 @pytest.mark.parametrize("unit", ["x;reboot.service", "$(reboot).service"])
 def test_no_command_is_made_of_a_strange_unit(unit):
     assert "reboot" not in _remedy(starter="unit", unit=unit)
+
+
+@pytest.mark.parametrize(
+    ("starter", "word"),
+    [("container", f"--network host --env ROS_MASTER_URI=http://{TWO}"), ("unit", "PrivateNetwork")],
+)
+def test_a_node_in_a_network_of_its_own_gets_that_of_the_computer(starter, word):
+    def change(seen):
+        process = NodeHost(TWO, "ROS_HOSTNAME", "odom.service", (41233,), "base", starter=starter, apart=True)
+        update(seen[TWO].probe, node_hosts=[process])
+        silence = SilentNode("/kobuki2/base", TWO, "Connection refused", Outcome.REFUSED, port=41233)
+        update(seen[TWO].probe.exchange, silent=["/kobuki2/base"], silences=[silence])
+
+    (finding,) = diagnosed(change).findings
+    assert (finding.component.kind, finding.component.mode) == ("node", "network")
+    assert word in write_advices(finding.do)
