@@ -39,9 +39,16 @@ def add(ros, computer, exchange):
     nodes = [node for node in state.robots[robot].people if node.registered]
     places, silences = _nodes(state), []
     for node in nodes:
-        error = "timed out" if node.hung else "" if node.fenced else _connect(ros, computer, node, places[node])
+        is_dropped = node.fenced and node.computer != computer
+        error = (
+            "timed out"
+            if node.hung or is_dropped
+            else ""
+            if node.fenced
+            else _connect(ros, computer, node, places[node])
+        )
         if error:
-            outcome = Outcome.NO_ANSWER if node.hung else CONNECTED.get(error, Outcome.UNKNOWN_NAME)
+            outcome = Outcome.NO_ANSWER if node.hung or is_dropped else CONNECTED.get(error, Outcome.UNKNOWN_NAME)
             opens = Outcome.OPEN if node.hung else outcome
             silences.append(seen.SilentNode(node.name, node.host, error, outcome, opens, places[node]))
     odd = [node for node in nodes if node.host not in hosts_of(fleet, robot) or node.services]

@@ -98,7 +98,7 @@ NODES: Mapping[Key, Fault] = {
     ),
     ("node", "fenced"): _node(
         9,
-        "{what} on {place} takes no connections of other robots: a packet filter drops those to its ports",
+        "{what} on {place} takes no connections of other computers: a packet filter drops those to its ports",
         "a node",
         hand("let all TCP ports above 1024 of {place} pass, since ROS takes any of them for a node"),
         look=(RULES, on("ss -ltnp")),

@@ -77,8 +77,9 @@ OWN_NODES = {
 def _silent_suspects(context: CheckContext) -> Components:
     """The nodes ended, or their computer is not reached. From a computer of the fleet a port that is gone refuses."""
     one = context.observer.name
-    computers = (member.name for member in context.fleet.members if member.robot == context.observer.plan.robot)
     silences = context.exchange.silences if context.exchange else ()
+    of_robot = {member.name for member in context.fleet.members if member.robot == context.observer.plan.robot}
+    computers = {context.ways.name_at(entry.host) or entry.host for entry in silences} & of_robot or of_robot
     may_have_ended = not silences or any(
         entry.outcome != Outcome.NO_ANSWER
         or (context.ways.name_at(entry.host) or entry.host) not in context.fleet.computers
@@ -118,9 +119,19 @@ def _find_people_components(context: CheckContext, entry: SilentNode) -> Compone
         return frozenset()
     if entry.tcp_outcome == Outcome.OPEN:
         return make_components("node", computer, "hung", what=entry.node)
-    drop = context.state.filters.find_drop(context.observer.name, computer, "nodes")
-    is_dropped = drop is not None and entry.outcome != Outcome.ANSWERED and computer != context.observer.name
-    return frozenset({drop}) if drop is not None and is_dropped else frozenset()
+    if entry.outcome == Outcome.ANSWERED or computer == context.observer.name:
+        return frozenset()
+    drop = context.state.filters.find_drop(context.observer.name, computer, "nodes", entry.port)
+    if drop is not None:
+        return frozenset({drop})
+    # The talker there is heard, so the way and the other ports are fine.
+    is_fenced = entry.tcp_outcome == Outcome.NO_ANSWER and _is_heard(context, computer)
+    return make_components("node", computer, "fenced", what=entry.node) if is_fenced else frozenset()
+
+
+def _is_heard(context: CheckContext, computer: str) -> bool:
+    topic = context.observer.topics.get(computer)
+    return topic is not None and topic.heard
 
 
 def _has_ended(context: CheckContext, entry: SilentNode) -> bool:

@@ -31,6 +31,7 @@ from fleets import (
     components,
     diagnosed,
     evaluate,
+    fig12,
     no_answer,
     notable,
     of,
@@ -466,6 +467,19 @@ def test_a_node_behind_a_filter_of_its_own_is_named_with_its_computer():
     told = diagnosed(_unreached("/odom_pub", "/lidar"))
     assert components(told) == [("node", TWO, "fenced")]
     assert "/odom_pub" in told.findings[0].sentence() and "/lidar" in told.findings[0].sentence()
+
+
+def test_a_node_behind_a_filter_that_its_own_roscore_does_not_reach_either_is_named_with_its_computer():
+    """The talker there is heard, so the way and the other ports are fine."""
+
+    def change(seen):
+        silence = SilentNode("/odom_pub", "tibi-nav", "timed out", Outcome.NO_ANSWER, Outcome.NO_ANSWER, 41233)
+        update(seen["tibi-visio"].probe.exchange, silent=("/odom_pub",), silences=(silence,))
+        row = UnreachedNode("/odom_pub", "tibi-nav", 41233, "no answer", Outcome.NO_ANSWER)
+        update(seen["dabo-nav"].probe.exchange, unreached=(row,))
+
+    (finding,) = diagnosed(change, fig12()).findings
+    assert finding.component[:3] == ("node", "tibi-nav", "fenced") and "/odom_pub" in finding.sentence()
 
 
 def test_a_node_that_refuses_has_ended_and_is_told_at_its_own_roscore():
