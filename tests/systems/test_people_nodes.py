@@ -10,13 +10,24 @@ import json
 
 import pytest
 from setups import people_nodes
-from setups.people_nodes import DOCKER, FILTERED, GONE, HUNG, announce, list_services_elsewhere, use_roscore
+from setups.people_nodes import (
+    BRIDGED_AS_COMPUTER,
+    DOCKER,
+    FILTERED,
+    GONE,
+    HUNG,
+    announce,
+    list_services_elsewhere,
+    use_roscore,
+)
 
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 #: name of the node -> its computer, what starts it, what is wrong, and the part that says it: kind, mode, place
 NODES = {
     "loopback": (FIRST, "shell", announce("127.0.0.1", "", "ROS_IP"), ("node", "loopback", FIRST)),
     "launched": (FIRST, "launch", announce("localhost", ""), ("node", "loopback", FIRST)),
+    "boxed": (FIRST, "container", announce("laptop-of-bob", ""), ("node", "name", FIRST)),
+    "bridged": (SECOND, "container", BRIDGED_AS_COMPUTER, ("node", "network", SECOND)),
     "docker": (FIRST, "unit", DOCKER, ("node", "interface", FIRST)),
     "foreign": (SECOND, "unit", announce("192.168.66.9", "", "ROS_IP"), ("node", "address", SECOND)),
     "copied": (SECOND, "shell", announce("laptop-of-ann", ""), ("node", "name", SECOND)),
@@ -74,7 +85,7 @@ def test_each_node_is_told_with_its_computer_and_its_fault(told):
 def test_what_has_started_a_node_is_told(told):
     rows = {row["node"].rpartition("fault_")[2]: row["started_by"] for row in told[0][0]["nodes"]["odd"]}
     print(rows)
-    for name in ("loopback", "launched", "docker", "foreign", "copied"):
+    for name in ("loopback", "launched", "boxed", "bridged", "docker", "foreign", "copied"):
         assert rows[name].startswith(NODES[name][1]), rows
 
 
