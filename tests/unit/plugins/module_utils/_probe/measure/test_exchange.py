@@ -138,6 +138,7 @@ def test_a_registered_node_that_does_not_answer_is_silent(ros, served):
     assert found["silent"] == ["/dead"]
     (silence,) = found["silences"]
     assert silence["node"] == "/dead" and silence["error"]
+    assert f":{silence['port']}/" in master.uris["/dead"]
     assert time.monotonic() - began < 20
 
 
