@@ -15,6 +15,7 @@ from ipaddress import IPv4Network
 from ..._base import advice
 from ..._faults.fault import Advice, Advices
 from ..._faults.filters import DROPPED, RULED, Dropped
+from ..._network.model import MASQUERADE
 from ..components.component import Component
 from ..context.check_context import FleetState, Participant
 from .node_remedies import list_remedies
@@ -185,6 +186,28 @@ def _accept_first(component: Component, networks: Iterable[IPv4Network]) -> Comm
         yield " ".join(filter(None, words))
 
 
+CONNTRACK = "conntrack -D --src-nat"
+PACKAGE = "conntrack is of the package of that name; it ends connections from before, which are still translated"
+
+
+def _stop_translating(computer: Participant, _components: Sequence[Component], state: FleetState) -> Commands:
+    """Rules before those that masquerade leave out what goes between the robots; then what they have begun to translate is ended.
+
+    Nothing if there is a rule that was not understood: it may be the one.
+    """
+    filters = computer.seen.filters
+    chains = [one for one in filters.chains if one.hook == "postrouting"] if filters and filters.readable else None
+    if chains is None or any(one.unread for one in chains):
+        return
+    networks = sorted({*(entry.network for entry in state.fleet.networks), state.fleet.common_network})
+    among = f"{{{{ {', '.join(map(str, networks))} }}}}"
+    words = f"nft insert rule {{}} ip saddr {among} ip daddr {among} accept"
+    rules = [(one.table, rule.chain) for one in chains for rule in one.rules if rule.verdict == MASQUERADE]
+    inserted = [advice.command(words, ("chain", " ".join(place))) for place in dict.fromkeys(rules)]
+    if all(inserted):
+        yield from [*inserted, CONNTRACK]
+
+
 # (kind, mode) -> the commands, from what was read.
 COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], FleetState], Commands]] = {
     ("link", "down"): _switch_on,
@@ -197,6 +220,7 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], F
     ("boot", "sysctl"): _comment_out_settings,
     ("environment", "service"): _drop_ins,
     ("limit", "unit"): _limit_files,
+    ("translation", "on"): _stop_translating,
     **dict.fromkeys(RULED, _accept_packets),
 }
 
@@ -210,5 +234,6 @@ def make_commands(components: Sequence[Component], computer: Participant | None,
     if found is None or computer is None:
         return ()
     words = "; ".join(filter(None, dict.fromkeys(found(computer, components, state))))
-    effect = UNTIL if words.startswith(("nft ", "iptables ")) else ""
+    effects = (UNTIL if words.startswith(("nft ", "iptables ")) else "", PACKAGE if CONNTRACK in words else "")
+    effect = "; ".join(filter(None, effects))
     return (Advice(components[0].place, words, effect),) if words else ()

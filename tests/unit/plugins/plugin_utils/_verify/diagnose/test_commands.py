@@ -13,12 +13,15 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FAULTS, Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import (
     COMMANDS,
+    CONNTRACK,
     make_commands,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,
     DefaultRoute,
+    FilterChain,
     FilterChains,
+    FilterRule,
     ServiceState,
 )
 from fleets import diagnosed, fig12, observed, update
@@ -178,6 +181,29 @@ def test_without_nft_the_fleet_is_let_in_by_iptables(mode, what, words):
     commands = make_commands([Component("filter", NAME, mode, what)], run.run[NAME], run.state)
     networks = NETS.strip("{} ").replace(", ", ",")
     assert [one.text for one in commands] == ([words.format(networks)] if words else [])
+
+
+def masquerading(**values):
+    rule = FilterRule("masquerade", leaving="eth0", chain=values.pop("chain", "post"))
+    return FilterChain("postrouting", values.pop("table", "inet own"), "accept", (rule,), **values)
+
+
+@pytest.mark.parametrize(
+    ("chains", "words"),
+    [
+        ((masquerading(),), f"nft insert rule inet own post ip saddr {NETS} ip daddr {NETS} accept; {CONNTRACK}"),
+        ((FilterChain("forward", "inet own"),), CONNTRACK),  # no rule is left
+        ((masquerading(unread=1),), ""),
+        ((masquerading(chain="a; reboot"),), ""),
+    ],
+)
+def test_what_masquerades_leaves_out_the_robots(chains, words):
+    fleet = fig12()
+    seen = observed(fleet)
+    update(seen[NAME], filters=FilterChains(True, chains))
+    run = Verification(CHECKS, fleet, seen)
+    commands = make_commands([Component("translation", NAME, "on")], run.run[NAME], run.state)
+    assert [one.text for one in commands] == ([words] if words else [])
 
 
 def test_nothing_is_known_of_whom_nobody_looked_at():
