@@ -606,7 +606,8 @@ relays:
   type: list
   elements: dict
   sample:
-    - {robot: kobuki2, host: 192.168.1.239, port: 11911, outcome: answered, data_port: 40811, data_outcome: open, error: ''}
+    - {robot: kobuki2, host: 192.168.1.239, port: 11911, outcome: answered, data_port: 40811, data_outcome: open, error: '',
+        crossing: [{topic: /kobuki2/scan, nodes: [/laser], outcome: answered, message: true, there: not_tried, error: ''}]}
   contains:
     robot: {description: The robot., returned: always, type: str}
     host: {description: Its address., returned: always, type: str}
@@ -616,6 +617,8 @@ relays:
     data_port: {description: 'The TCP port of its data, as it answers, or 0.', returned: always, type: int}
     data_outcome: {description: 'What a TCP connection to that port gave, as RV(masters[].outcome).', returned: always, type: str}
     error: {description: 'Why one of the two failed, or empty.', returned: always, type: str}
+    crossing: {description: 'Two of the topics that come from that robot alone, none of images or point clouds if there are
+          others.', returned: always, type: list, elements: dict}
 parameters:
   description: The parameters of the nodes on the roscore, compared with O(parameters).
   returned: when O(action=collect)

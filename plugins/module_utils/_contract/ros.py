@@ -168,6 +168,23 @@ class UnreachedNode(Struct):
     outcome: Outcome = field("The same as one word of RV(masters[].outcome).", "no_answer")
 
 
+class CrossingTopic(Struct):
+    """A topic of another robot, heard here through both relays, as a node of this robot hears it."""
+
+    topic: str = field("The topic, by its name here.", "/kobuki2/scan", needed=True)
+    nodes: typing.Tuple[str, ...] = field("The nodes that publish it there.", ["/laser"])
+    outcome: Outcome = field(
+        "V(answered) if the header of a publisher came through both relays, or as RV(masters[].outcome).", "answered"
+    )
+    message: bool = field(
+        "Whether a message came within a second after the header. Some topics are silent for long.", True
+    )
+    there: Outcome = field(
+        "Where no header came: the same of the relay of the other robot alone, which is asked directly.", "not_tried"
+    )
+    error: str = field("Why no header came, or empty.", "")
+
+
 class SeenRelay(Struct):
     """The relay of another robot, as that of this robot reaches it."""
 
@@ -180,6 +197,9 @@ class SeenRelay(Struct):
     data_port: int = field("The TCP port of its data, as it answers, or 0.", 40811)
     data_outcome: Outcome = field("What a TCP connection to that port gave, as RV(masters[].outcome).", "open")
     error: str = field("Why one of the two failed, or empty.", "")
+    crossing: typing.Tuple[CrossingTopic, ...] = field(
+        "Two of the topics that come from that robot alone, none of images or point clouds if there are others."
+    )
 
 
 class AnnouncedHost(Struct):

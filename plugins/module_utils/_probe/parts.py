@@ -92,9 +92,9 @@ def look_outsiders(params: Params) -> typing.List[Result]:
     return masters.outsiders(own[0]) if own else []
 
 
-def look_relays(params: Params) -> typing.List[Result]:
-    """Ask the relays with which that of this robot has channels."""
-    return masters.relays((params["parameters"] or {}).get("master_relay"))
+def look_relays(params: Params, ros: Ros) -> typing.List[Result]:
+    """Ask the relays with which that of this robot has channels, and hear topics that come through both."""
+    return masters.relays((params["parameters"] or {}).get("master_relay"), ros)
 
 
 def look_sources(params: Params, ros: Ros, deadline: float) -> typing.List[Result]:
@@ -186,7 +186,7 @@ PARTS = (
         final=True,
     ),
     Part("parameters", parameters.parameters, ("ros", "parameters", "crossing"), final=True),
-    Part("relays", look_relays, ("params",), final=True),
+    Part("relays", look_relays, ("params", "ros"), final=True),
     *PROBES,
     Part("changes", changes.changes, on_router=True),
     Part("disks", resources.disks, ("services",), on_router=True),

@@ -308,6 +308,18 @@ EXCHANGE: Mapping[Key, Fault] = {
         read=ALWAYS,
         why="its parameters were compared",
     ),
+    ("relay", "mute"): Fault(
+        "RF-447",
+        "no data comes through the relay of {place}, though all is registered: {what}",
+        do=(on("systemctl restart multimaster-relay"),),
+        look=(
+            on("journalctl -b -n 50 -u multimaster-relay; ss -tnp | grep -c python"),
+            hand("rostopic hz of that topic on the robot itself: its node may say nothing there, too"),
+        ),
+        cost=2.5,
+        what="see multimaster_exports",
+        why="a topic was heard through both relays, as a node hears it",
+    ),
     ("declaration", "narrow"): Fault(
         "RF-443",
         "{place} leaves out what the others need: {what}",

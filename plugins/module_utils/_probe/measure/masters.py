@@ -11,16 +11,21 @@ from ..._base.deadlines import call_all, poll
 from ..._base.plain_text import plain, quote
 from ..._base.problem import tell_reason
 from ..._contract.outcomes import Outcome
-from ..._contract.ros import SeenRelay
+from ..._contract.ros import CrossingTopic, SeenRelay
 from ..._machine import network as machine
 from ..._machine.outcomes import classify_error, connect
 from ..multicast.helper import LATEST
-from ..ros_client.hosts import port_of
+from ..ros_client import tcpros
+from ..ros_client.hosts import place_of, port_of
+from ..ros_client.ros import CALLER, Ros
 from ..ros_client.xml_rpc import server
 from . import network
 
 RELAYS = 20.0  # seconds for all relays
 MOST_RELAYS, MOST_HOSTS = 64, 4  # relays that are asked, and addresses of one
+RELAY = "/master_relay"
+HEARD = 2  # topics of one robot that are heard through both relays
+LARGE = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")  # types that are heard last
 CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second
 
 
@@ -56,39 +61,142 @@ def _roscore(master: typing.Dict[str, typing.Any]) -> typing.Tuple[str, str]:
     return "open" if answer["open"] else answer["error"], answer["outcome"]
 
 
-def relays(planned: typing.Optional[typing.Mapping[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Ask the relays of other robots what they offer, as the relay here does, and try the ports of their data. `planned`: its parameters."""
+Row = typing.Dict[str, typing.Any]
+Offer = typing.Tuple[
+    str, str, typing.Tuple[str, ...]
+]  # the relays' name of a topic, its type, the nodes that publish it
+
+
+def relays(
+    planned: typing.Optional[typing.Mapping[str, typing.Any]], ros: typing.Optional[Ros] = None
+) -> typing.List[Row]:
+    """Ask the relays of other robots what they offer, as the relay here does, try the ports of their data, and hear topics through both.
+
+    `planned`: the parameters of the relay here; `ros`: whose roscore has the topics that it publishes.
+    """
     robot = str((planned or {}).get("robot", ""))
-    places = {
-        str(channel["peer"]): (list(map(str, channel["hosts"])), int(channel["port"]))
-        for channel in (planned or {}).get("channels", ())
-    }
+    channels = list((planned or {}).get("channels", ()))
+    places = {str(channel["peer"]): (list(map(str, channel["hosts"])), int(channel["port"])) for channel in channels}
     rows = [(peer, hosts[:MOST_HOSTS], port) for peer, (hosts, port) in sorted(places.items())[:MOST_RELAYS]]
     answers = call_all(lambda row: _ask_relay(robot, *row), rows, RELAYS, lambda row: None)
-    return [answer for answer in answers if answer is not None]
+    found = [answer for answer in answers if answer is not None]
+    if ros is not None and found:
+        _hear_crossing(ros, robot, channels, found)
+    return [row for row, _offers in found]
 
 
-def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) -> typing.Dict[str, typing.Any]:
-    """Ask a relay at the first of its addresses at which it answers."""
+def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) -> typing.Tuple[Row, typing.List[Offer]]:
+    """Ask a relay at the first of its addresses at which it answers; return its row, and the topics that it offers."""
     not_tried = Outcome.NOT_TRIED
     found = SeenRelay(peer, port=port, outcome=not_tried, data_outcome=not_tried, data_port=0).plain()
     for host in hosts:
         found.update(host=plain(host))
         try:
-            said = server(f"http://{host}:{port}/").rosfleetOffers(robot, "", 0.0)[1]
+            answered = server(f"http://{host}:{port}/").rosfleetOffers(robot, "", 0.0)
+            said, offers = answered[1], answered[2:]
         except OSError as problem:
             found.update(outcome=classify_error(problem)[0].value, error=plain(problem.strerror or str(problem)))
         except Exception as problem:  # any: it is another computer's answer
             found.update(outcome=Outcome.FAILED.value, error=plain(str(problem)) or type(problem).__name__)
         else:
-            # An answer with another number could be refused as a whole, with all that this computer has seen of others.
-            is_port = isinstance(said, int) and not isinstance(said, bool) and 0 < said < 65536
-            found["data_port"] = said if is_port else 0
-            answer = connect(host, found["data_port"], CONNECT) if found["data_port"] else None
+            port = _read_port(said)
+            answer = connect(host, port, CONNECT) if port else None
             data = answer.outcome if answer else Outcome.FAILED
             error = "" if data == Outcome.OPEN else plain(answer.words) if answer else "it told no valid port"
-            return dict(found, outcome=Outcome.ANSWERED.value, data_outcome=data.value, error=error)
-    return found
+            found.update(outcome=Outcome.ANSWERED.value, data_port=port, data_outcome=data.value, error=error)
+            return found, list(_read_offers(*offers[:1]))
+    return found, []
+
+
+def _read_port(said: typing.Any) -> int:
+    """Read a port; 0 for any other number, since an answer with it could be refused as a whole."""
+    is_port = isinstance(said, int) and not isinstance(said, bool) and 0 < said < 65536
+    return int(said) if is_port else 0
+
+
+def _read_offers(offers: typing.Any = ()) -> typing.Iterator[Offer]:
+    """Read the topics in the offers of another relay; what has another form is left out."""
+    for entry in offers if isinstance(offers, list) else ():
+        if isinstance(entry, list) and len(entry) == 4 and entry[0] == "topic" and isinstance(entry[3], list):
+            yield str(entry[1]), str(entry[2]), tuple(str(node) for node in entry[3])
+
+
+def _hear_crossing(
+    ros: Ros,
+    robot: str,
+    channels: typing.Sequence[typing.Mapping[str, typing.Any]],
+    found: typing.Sequence[typing.Tuple[Row, typing.List[Offer]]],
+) -> None:
+    """Hear topics that come by the relay here from one robot alone, as a node of this robot hears them."""
+    try:
+        here = {topic for topic, nodes in ros.read_state()[0].items() if RELAY in nodes}
+        relay = str(ros.ask("lookupNode", RELAY))
+    except OSError:
+        return  # the services and the roscore have rows of their own
+    own = {row["robot"]: _name_here(row["robot"], channels, offers, here) for row, offers in found}
+    jobs = [
+        (row, topic, offer)
+        for row, _offers in found
+        if row["data_outcome"] == Outcome.OPEN.value
+        for topic, offer in _choose(own, row["robot"])
+    ]
+    late = {"outcome": Outcome.NO_ANSWER, "error": "late"}
+    heard = call_all(lambda job: _hear(relay, robot, *job), jobs, RELAYS, lambda job: _make_crossing(*job[1:], **late))
+    for (row, _topic, _offer), crossing in zip(jobs, heard):
+        row["crossing"] = [*row["crossing"], crossing]
+
+
+def _name_here(
+    peer: str,
+    channels: typing.Sequence[typing.Mapping[str, typing.Any]],
+    offers: typing.Sequence[Offer],
+    here: typing.Container[str],
+) -> typing.Dict[str, Offer]:
+    """Return {name here: offer} of the topics that a peer offers and the relay here publishes."""
+    named: typing.Dict[str, Offer] = {}
+    for channel in channels:
+        outer, inner = str(channel["as"]), str(channel["base"])
+        for offer in offers if channel["peer"] == peer else ():
+            name = inner + offer[0][len(outer) :] if channel["inner"] else offer[0]
+            if name in here and (not channel["inner"] or offer[0].startswith(outer)):
+                named.setdefault(name, offer)
+    return named
+
+
+def _choose(own: typing.Mapping[str, typing.Mapping[str, Offer]], peer: str) -> typing.List[typing.Tuple[str, Offer]]:
+    """Choose few topics of a robot that no other robot offers, too: a header would be of either."""
+    others = {topic for robot, named in own.items() if robot != peer for topic in named}
+    alone = [(topic, offer) for topic, offer in own[peer].items() if topic not in others]
+    return sorted(alone, key=lambda one: (one[1][1] in LARGE, one[0]))[:HEARD]
+
+
+def _hear(relay: str, robot: str, row: Row, topic: str, offer: Offer) -> Row:
+    """Hear a topic at the relay here; where no header comes, ask the other relay as that of this robot does."""
+    try:
+        _code, _said, protocol = server(relay).requestTopic(CALLER, topic, [["TCPROS"]])
+        place = (place_of(relay)[0], _read_port(protocol[2]))
+        message = tcpros.hear_any(place, {"callerid": CALLER, "topic": topic})
+        return _make_crossing(topic, offer, message=message)
+    except Exception as problem:  # any: what is heard is another computer's
+        outcome, error = classify_error(problem)[0], plain(tell_reason(problem)) or type(problem).__name__
+    name, _type, nodes = offer
+    asked = {
+        "callerid": CALLER,
+        "topic": name,
+        "rosfleet_relay": robot,
+        "rosfleet_publisher": nodes[0] if nodes else "",
+    }
+    try:
+        tcpros.hear_any((row["host"], row["data_port"]), asked)
+        there = Outcome.ANSWERED
+    except Exception as problem:
+        there = classify_error(problem)[0]
+    return _make_crossing(topic, offer, outcome=outcome, there=there, error=error)
+
+
+def _make_crossing(topic: str, offer: Offer, **values: typing.Any) -> Row:
+    first: Row = {"outcome": Outcome.ANSWERED, "message": False, "there": Outcome.NOT_TRIED, "error": ""}
+    return CrossingTopic(plain(topic), tuple(map(plain, offer[2])), **{**first, **values}).plain()
 
 
 def outsiders(monitor_uri: str) -> typing.List[typing.Dict[str, str]]:

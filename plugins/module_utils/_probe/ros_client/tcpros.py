@@ -25,6 +25,8 @@ CONNECT = 2.0  # seconds that a connection may take before a stream
 LEAST = 1e-6  # seconds of a stream: of much fewer, the rate would be infinite
 MOST = 2 << 20  # bytes of an answer: 5,000 topics are 1 MB
 _HEADER = 1 << 14  # bytes of a header
+_DEFINITIONS = 1 << 20  # of one with the definition of a message of any type
+SILENCE = 1.0  # seconds that a message is waited for, where one need not come
 _ENTRIES = 50000  # of all lists of an answer
 
 Row = typing.Dict[str, typing.Any]
@@ -120,7 +122,7 @@ def _explain(late: str, strange: str) -> typing.Iterator[None]:
     try:
         yield
     except socket.timeout:
-        raise OSError(late) from None
+        raise socket.timeout(late) from None
     except (ValueError, struct.error) as problem:  # also of a URI that is none
         raise OSError(f"{strange}: {quote(problem)}") from None
 
@@ -167,6 +169,24 @@ def hear(
         on_open()
         fields = _subscribe(connection, topic, caller, deadline, tcp_nodelay="1")
         return plain(ValueReader(_read_block(connection, _HEADER, deadline)).text()), plain(fields.get("callerid", ""))
+
+
+def hear_any(place: typing.Tuple[str, int], asked: typing.Mapping[str, str]) -> bool:
+    """Subscribe a topic of any type; return True if a message begins within a second after the header of the publisher.
+
+    `asked`: the fields that say which topic. The message is not read. Raises OSError with a sentence where no header comes.
+    """
+    deadline = time.monotonic() + CALL
+    late, strange = f"no header of a publisher within {CALL:g} s", "a header that is none"
+    with _explain(late, strange), socket.create_connection(place, CALL) as connection:
+        connection.sendall(encode_header({"type": "*", "md5sum": "*", "tcp_nodelay": "1", **asked}))
+        fields = decode_fields(_read_block(connection, _DEFINITIONS, deadline), "replace")
+        if "error" in fields or not fields.get("md5sum"):
+            raise OSError(plain(fields.get("error", "")) or "a header without md5sum")
+        try:
+            return bool(_read(connection, 4, time.monotonic() + SILENCE))
+        except (OSError, ValueError):  # nothing was said, or it has ended since
+            return False
 
 
 def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds: float) -> typing.Tuple[int, float]:

@@ -16,7 +16,7 @@ from ..context import needs
 from ..context.check_context import CheckContext
 from ..context.needs import Components, join_components, make_components
 from ..context.registrations import RELAY, TEST_NODES
-from ..observe.observations import ServiceState
+from ..observe.observations import CrossingTopic, SeenRelay, ServiceState
 from ..observe.outcomes import Outcome
 from .engine import FAILED, MASTER, Check, Judgement, judge_fault
 
@@ -184,6 +184,38 @@ def _judge_relay_reached(context: CheckContext) -> Judgement | None:
         return None
     found, broken = _find_unreached(context)
     return judge_fault(FAILED, "an answer, and an open port", found, "both", broken)
+
+
+def _list_unheard(context: CheckContext) -> list[CrossingTopic]:
+    """List topics of the target's robot of which no header came through both relays. If its nodes are silent there, too, that is said there."""
+    own = next((one for one in context.probe.relays if one.robot == context.robots[1]), SeenRelay(""))
+    silent = context.peer.probe.exchange.silent if context.peer else ()
+    failed = (one for one in own.crossing if one.outcome not in (Outcome.ANSWERED, Outcome.NOT_TRIED))
+    return [one for one in failed if not set(one.nodes) <= set(silent)]
+
+
+def _data_suspects(context: CheckContext) -> Components:
+    own, its = context.masters
+    relays = make_components("relay", its, "mute") | make_components("relay", own, "mute")
+    return relays | needs.master_query_components(context, own, its)
+
+
+@Check(
+    title="data crosses by the relay",
+    scope=MASTER,
+    when=lambda context: any(one.robot == context.robots[1] and one.crossing for one in context.probe.relays),
+    suspects=_data_suspects,
+)
+def _judge_relay_data(context: CheckContext) -> Judgement:
+    own, its = context.masters
+    unheard = _list_unheard(context)
+    found = "; ".join(f"{one.topic}: {one.error or one.outcome.value}" for one in unheard)
+    broken = find_broken_relay(context, own, its) if unheard else frozenset()
+    if not broken:  # the other relay gives it: so that of this robot does not
+        broken = join_components(
+            make_components("relay", own, "mute", what=one.topic) for one in unheard if one.there == Outcome.ANSWERED
+        )
+    return judge_fault(FAILED, "the header of a publisher, through both relays", found, "it came", broken)
 
 
 @Check(

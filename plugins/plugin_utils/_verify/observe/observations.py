@@ -51,6 +51,7 @@ from ....module_utils._contract.network import (
 from ....module_utils._contract.ros import (
     AnnouncedHost,
     CrossingParameter,
+    CrossingTopic,
     Exchange,
     GivenTopics,
     HeardTopic,
@@ -92,6 +93,7 @@ __all__ = [
     "ContainerNames",
     "CrossingParameter",
     "DatagramCounts",
+    "CrossingTopic",
     "DefaultRoute",
     "Disk",
     "Exchange",

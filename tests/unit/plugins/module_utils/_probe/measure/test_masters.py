@@ -3,6 +3,7 @@
 
 """The discovery nodes of masters: real sockets."""
 
+import contextlib
 import socket
 import threading
 import time
@@ -11,6 +12,11 @@ import xmlrpc.server
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.deadlines import poll
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import masters
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.header import (
+    decode_fields,
+    encode_block,
+    encode_header,
+)
 
 
 @pytest.fixture
@@ -154,3 +160,104 @@ def test_without_channels_no_relay_is_asked():
     assert masters.relays(None) == masters.relays({}) == masters.relays({"robot": "a", "channels": []}) == []
     (row,) = masters.relays({"robot": "a", "channels": [{"peer": "b", "hosts": ["127.0.0.1"], "port": 1}]})
     assert (row["outcome"], row["data_outcome"]) == ("refused", "not_tried")
+
+
+SILENT, SPEAKS, REFUSES, MUTE = "silent", "speaks", "refuses", "mute"  # how a data port of a relay answers
+
+
+@contextlib.contextmanager
+def data_port(manner, asked):
+    """The data port of a relay, by TCPROS; `asked` gets the header of each connection."""
+
+    def serve(connection):
+        with connection, contextlib.suppress(OSError):
+            size = int.from_bytes(connection.recv(4), "little")
+            if not size:
+                return  # a connection that only tries the port
+            asked.append(decode_fields(connection.recv(size), "replace"))
+            if manner == REFUSES:
+                connection.sendall(encode_header({"error": "it is not published here"}))
+            elif manner != MUTE:
+                connection.sendall(
+                    encode_header({"type": "a/B", "md5sum": "0" * 32, "message_definition": "x" * 20000})
+                )
+            if manner == SPEAKS:
+                connection.sendall(encode_block(b"1"))
+            ended.wait(10)
+
+    def accept():
+        with contextlib.suppress(OSError):
+            while True:
+                threading.Thread(target=serve, args=(listener.accept()[0],), daemon=True).start()
+
+    ended = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=accept, daemon=True).start()
+        yield listener.getsockname()[1]
+        ended.set()
+        listener.shutdown(socket.SHUT_RDWR)
+
+
+class OwnRoscore:
+    """The roscore of this robot: what its relay publishes, and where that is."""
+
+    def __init__(self, relay, *topics):
+        self.relay, self.topics = relay, topics
+
+    def read_state(self):
+        return [{topic: ["/master_relay"] for topic in self.topics}, {}, {}]
+
+    def ask(self, method, *words):
+        assert (method, *words) == ("lookupNode", "/master_relay")
+        return self.relay
+
+
+OFFERS = [["topic", "/kobuki2/scan", "a/B", ["/laser"]], ["topic", "/kobuki2/image", "sensor_msgs/Image", ["/camera"]]]
+NOTHING = {"as": "", "base": "", "inner": False}
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "expected"),
+    [
+        (SPEAKS, SPEAKS, ("answered", True, "not_tried")),
+        (SILENT, SPEAKS, ("answered", False, "not_tried")),
+        (MUTE, SILENT, ("no_answer", False, "answered")),
+        (MUTE, MUTE, ("no_answer", False, "no_answer")),
+        (REFUSES, REFUSES, ("failed", False, "failed")),
+    ],
+)
+def test_topics_are_heard_through_both_relays(monkeypatch, here, there, expected):
+    monkeypatch.setattr(masters.tcpros, "CALL", 1.0)
+    asked_here, asked_there = [], []
+    with data_port(here, asked_here) as own, data_port(there, asked_there) as other:
+        with xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+            server.register_function(lambda *_words: ["1", other, OFFERS], "rosfleetOffers")
+            server.register_function(lambda *_words: [1, "", ["TCPROS", "127.0.0.1", own]], "requestTopic")
+            thread = threading.Thread(target=server.serve_forever)
+            thread.start()
+            place = server.server_address[1]
+            channel = {"peer": "kobuki2", "hosts": ["127.0.0.1"], "port": place, **NOTHING}
+            roscore = OwnRoscore(f"http://127.0.0.1:{place}/", "/kobuki2/scan", "/kobuki2/image", "/mine")
+            (row,) = masters.relays({"robot": "kobuki1", "channels": [channel]}, roscore)
+            server.shutdown()
+            thread.join()
+    first, second = row["crossing"]
+    assert (first["topic"], second["topic"], first["nodes"]) == ("/kobuki2/scan", "/kobuki2/image", ["/laser"])
+    assert (first["outcome"], first["message"], first["there"]) == expected and bool(first["error"]) == (
+        expected[0] != "answered"
+    )
+    assert {one["topic"] for one in asked_here} == {"/kobuki2/scan", "/kobuki2/image"}
+    assert all(one["md5sum"] == "*" and "rosfleet_relay" not in one for one in asked_here)
+    assert all(one["rosfleet_relay"] == "kobuki1" and one["rosfleet_publisher"] for one in asked_there)
+    assert bool(asked_there) == (expected[0] != "answered")
+
+
+def test_a_topic_that_two_robots_give_is_not_heard():
+    offers = {"/tf": ("/tf", "a/B", ("/n",)), "/a": ("/a", "a/B", ("/n",))}
+    assert masters._choose({"one": offers, "two": {"/tf": offers["/tf"]}}, "one") == [("/a", offers["/a"])]
+
+
+def test_names_of_what_comes_back_are_those_of_this_robot():
+    channel = {"peer": "station", "as": "/kobuki1", "base": "/base", "inner": True}
+    offer = ("/kobuki1/cmd_vel", "a/B", ("/joystick",))
+    assert masters._name_here("station", [channel], [offer], {"/base/cmd_vel"}) == {"/base/cmd_vel": offer}

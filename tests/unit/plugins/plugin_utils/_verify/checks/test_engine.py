@@ -49,6 +49,7 @@ def test_everything_is_checked_and_good():
             "relay",
             "relay_types",
             "relay_reached",
+            "relay_data",
         ),
         "arp_filter",  # where nft is there
         "simulated_time",  # where a roscore says so

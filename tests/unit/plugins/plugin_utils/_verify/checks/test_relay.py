@@ -5,6 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    CrossingTopic,
     Exchange,
     NodeParameters,
     ParameterDifference,
@@ -177,3 +178,31 @@ def test_a_relay_whose_data_does_not_cross_is_named_also_if_all_is_registered(ro
 def test_a_relay_that_is_reached_is_well():
     row = SeenRelay("kobuki1", outcome=Outcome.ANSWERED, data_port=40811, data_outcome=Outcome.OPEN)
     assert not tell_with(lambda seen: update(seen[STATION].probe, relays=(row,)), **CROSSED).findings
+
+
+def hear(silences=(), **values):
+    """The findings where a topic of the robot was not heard at the station."""
+    unheard = {"outcome": Outcome.NO_ANSWER, "message": False, "error": "no header", **values}
+    crossing = (CrossingTopic("/kobuki1/scan", nodes=("/laser",), **unheard),)
+    row = SeenRelay("kobuki1", outcome=Outcome.ANSWERED, data_outcome=Outcome.OPEN, crossing=crossing)
+
+    def change(seen):
+        update(seen[STATION].probe, relays=(row,))
+        names = tuple(one.node for one in silences)
+        update(seen[ROBOT].probe.exchange, silent=names, silences=silences)
+
+    return tell_with(change, **CROSSED).findings
+
+
+def test_data_that_does_not_come_through_both_relays_is_named_at_the_one_that_loses_it():
+    (finding,) = hear(there=Outcome.ANSWERED)
+    assert (finding.component.kind, finding.component.mode, finding.component.place) == ("relay", "mute", STATION)
+    assert "/kobuki1/scan" in finding.sentence() and finding.do
+    (finding,) = hear(there=Outcome.NO_ANSWER)
+    assert {one.place for one in finding.candidates if one.kind == "relay"} >= {ROBOT} and finding.sure == "inferred"
+
+
+def test_data_that_crosses_or_whose_publisher_is_silent_is_no_fault_of_a_relay():
+    assert not hear(outcome=Outcome.ANSWERED)
+    found = hear(silences=(SilentNode("/laser", ROBOT, outcome=Outcome.REFUSED),))
+    assert [(one.component.kind, one.component.mode) for one in found] == [("registration", "ghost")]
