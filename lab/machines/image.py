@@ -42,7 +42,7 @@ ros-std-msgs ros-std-srvs ros-geometry-msgs ros-diagnostic-msgs ros-actionlib-ms
 FULL = """
 network-manager netplan.io ufw firewalld frr cloud-init wireguard-tools
 python3-tf2 python3-tf2-msgs
-net-tools tcpdump libfaketime acl attr python3-apt chrony wireguard-go
+net-tools tcpdump conntrack libfaketime acl attr python3-apt chrony wireguard-go
 """.split()
 
 # Documentation is a third of the files and no robot needs it.

@@ -30,17 +30,21 @@ class Named:
     rivals: tuple[tuple[str, str, str], ...] = ()  # (kind, mode, place) of what may be instead
     findings: int = 0
     first: tuple[tuple[str, str, str], ...] = ()  # (kind, mode, place) of the first few findings
+    unexplained: tuple[str, ...] = ()  # check, observer and target of each row that no finding explains
 
 
 def named(document: Mapping[str, Any]) -> Named:
     """Read the file of `verify_report`."""
     findings = document.get("findings", [])
+    open_rows = tuple(
+        " ".join((row["check"], row["observer"], row["target"])) for row in document.get("unexplained", ())
+    )
     if findings and "kind" in findings[0]:
         first = findings[0]
         rivals = tuple((entry["kind"], entry["mode"], entry["place"]) for entry in first.get("rivals", ()))
         text = first.get("sentence") or f"{first['kind']} {first['mode']} of {first['place']}"
         few = tuple((entry["kind"], entry["mode"], entry["place"]) for entry in findings[:FEW])
-        return Named((first["kind"], first["mode"]), first["place"], text, rivals, len(findings), few)
+        return Named((first["kind"], first["mode"]), first["place"], text, rivals, len(findings), few, open_rows)
     wrong = [entry for entry in findings if entry["verdict"] in WRONG and not entry["because"]]
     wrong.sort(key=lambda entry: WRONG.index(entry["verdict"]))  # failures before warnings
     if not wrong:

@@ -27,6 +27,7 @@ class Row:
     left: Sequence[str] = ()  # what undo has not taken back
     remedied: str = ""  # what came of the remedy that was told, where it was tried: a word of remedy.py, and the remedy
     parts: Sequence[Sequence[str]] = ()  # that were expected then
+    unexplained: int = 0  # rows that no finding explains
 
 
 class Kept:
@@ -57,6 +58,11 @@ def told_of_remedies(rows: Sequence[Row]) -> str:
     commands = [word for word in words if word != remedy.WORDS]
     mend = commands.count(remedy.MENDS)
     return f"The command that is told mends it in {mend} of {len(commands)}; {len(words) - len(commands)} are told in words."
+
+
+def told_of_unexplained(rows: Sequence[Row]) -> str:
+    """How many rows no finding explains, over all faults."""
+    return f"Rows that no finding explains: {sum(row.unexplained for row in rows)}."
 
 
 def told_of_prediction(rows: Sequence[Row]) -> str:

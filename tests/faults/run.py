@@ -31,7 +31,7 @@ import remedy  # noqa: E402
 import state  # noqa: E402
 from agreement import Agreement, agreement  # noqa: E402
 from catalogue import LAB, Fault, Step, facts_of, load  # noqa: E402
-from kept import Kept, Row, told_of_prediction, told_of_remedies  # noqa: E402
+from kept import Kept, Row, told_of_prediction, told_of_remedies, told_of_unexplained  # noqa: E402
 from machines.layout import Extra, read_inventory  # noqa: E402
 from machines.podman import LabError  # noqa: E402
 from subject import Lab, lab_of  # noqa: E402
@@ -58,13 +58,25 @@ class Result:
 
     @property
     def ok(self) -> bool:
-        """The part was named first, the command that was told mends it, and nothing is left of the fault."""
-        return self.verdict == judge.FIRST and not self.left and not self.remedied.startswith(remedy.WRONG)
+        """The part was named first and explains all rows, the command that was told mends it, and nothing is left of the fault."""
+        explained = self.verdict == judge.FIRST and not self.found.unexplained
+        return explained and not self.left and not self.remedied.startswith(remedy.WRONG)
 
     def row(self, revision: str) -> Row:
         """Return the row that is kept of it."""
         ways, wrong = self.predicted.ways, len(self.predicted.wrong)
-        return Row(self.verdict, self.found.text, self.seconds, ways, ways - wrong, revision, self.left, self.remedied)
+        unexplained = len(self.found.unexplained)
+        return Row(
+            self.verdict,
+            self.found.text,
+            self.seconds,
+            ways,
+            ways - wrong,
+            revision,
+            self.left,
+            self.remedied,
+            unexplained=unexplained,
+        )
 
 
 class Catalogue:
@@ -235,6 +247,7 @@ def run(faults: Sequence[Fault], record: Path | None, remedies: bool = False, na
 def told(result: Result) -> list[str]:
     """The lines about one fault."""
     lines = [f"    {result.verdict} ({result.seconds:.0f} s): {result.found.text}"]
+    lines += [f"    no finding explains: {row}" for row in result.found.unexplained]
     lines += [f"    the remedy mends it: {result.remedied}"] if result.remedied else []
     lines += [f"    the prediction says {state}: {' '.join(way)}" for way, state in result.predicted.wrong]
     return lines + [f"    left by undo: {line}" for line in result.left]
@@ -244,7 +257,9 @@ def write_page() -> None:
     """Write the table of all faults, of what is kept; who was not tried is told there, too."""
     rows = {fault: KEPT.get(fault) for fault in chosen((), quick=False)}
     tried = [row for row in rows.values() if row is not None]
-    page.write(rows.items(), f"{told_of_remedies(tried)} {told_of_prediction(tried)}")
+    page.write(
+        rows.items(), " ".join(tell(tried) for tell in (told_of_remedies, told_of_unexplained, told_of_prediction))
+    )
     print(f"The table is of the revisions {', '.join(sorted({row.revision for row in tried}))}.")
     untried = [fault.name for fault, row in rows.items() if row is None]
     if untried:
