@@ -686,6 +686,19 @@ file_limits:
     limit: {description: The files that it may open (the soft limit)., returned: always, type: int}
     unit: {description: 'The systemd service that has started it, or empty, as for a node that was started in a shell or
           a container.', returned: always, type: str}
+full_processes:
+  description: Processes that have as many files open as they may, or one fewer, 20 at most.
+  returned: when O(action=collect)
+  type: list
+  elements: dict
+  sample:
+    - {name: rosbridge_websocket, pid: 4711, unit: robot.service, open_files: 1024, most_files: 1024}
+  contains:
+    name: {description: 'The name of the node in its command line, or its program.', returned: always, type: str}
+    pid: {description: The number of the process., returned: always, type: int}
+    unit: {description: 'The unit of systemd in which it runs, or empty.', returned: always, type: str}
+    open_files: {description: How many files it has open., returned: always, type: int}
+    most_files: {description: How many it may have open (C(RLIMIT_NOFILE))., returned: always, type: int}
 container_names:
   description: Containers with processes of ROS whose own C(/etc/hosts) lacks names of the fleet that this computer's
     has, 20 at most.

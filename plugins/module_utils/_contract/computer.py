@@ -128,6 +128,16 @@ class FileLimit(Struct):
     )
 
 
+class FullProcess(Struct):
+    """A process that has as many files open as it may, or one fewer: it takes no connection more."""
+
+    name: str = field("The name of the node in its command line, or its program.", "rosbridge_websocket", needed=True)
+    pid: int = field("The number of the process.", 4711, needed=True)
+    unit: str = field("The unit of systemd in which it runs, or empty.", "robot.service")
+    open_files: int = field("How many files it has open.", 1024)
+    most_files: int = field("How many it may have open (C(RLIMIT_NOFILE)).", 1024)
+
+
 class NodeHost(Struct):
     """A process of ROS that announces a host which the plan does not have for its computer, uses another roscore, is stopped, or is apart."""
 

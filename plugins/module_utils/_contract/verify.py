@@ -6,7 +6,7 @@
 import typing
 
 from .clock import ClockState
-from .computer import BootDeviation, ContainerNames, Disk, FileLimit, NodeHost, RecentChange, ServiceState
+from .computer import BootDeviation, ContainerNames, Disk, FileLimit, FullProcess, NodeHost, RecentChange, ServiceState
 from .fields import Struct, field
 from .network import Claim, DefaultRoute, ForwardingSettings, PolicyRouting, SeenMaster, SeenMember
 from .ros import (
@@ -83,6 +83,9 @@ class Probe(Struct, returned="when O(action=collect)"):
     )
     file_limits: typing.Tuple[FileLimit, ...] = field(
         "Processes of ROS that may open more than 1048576 files, once for each unit, 20 at most."
+    )
+    full_processes: typing.Tuple[FullProcess, ...] = field(
+        "Processes that have as many files open as they may, or one fewer, 20 at most."
     )
     container_names: typing.Tuple[ContainerNames, ...] = field(
         "Containers with processes of ROS whose own C(/etc/hosts) lacks names of the fleet that this computer's has, 20 at most."

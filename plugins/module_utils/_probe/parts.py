@@ -191,6 +191,7 @@ PARTS = (
     Part("changes", changes.changes, on_router=True),
     Part("disks", resources.disks, ("services",), on_router=True),
     Part("file_limits", resources.file_limits),
+    Part("full_processes", resources.full_processes, on_router=True),
     Part(
         "container_names",
         lambda members: resources.container_names(member["name"] for member in members),

@@ -81,10 +81,10 @@ COMPUTER: Mapping[Key, Fault] = {
     ),
     ("computer", "limit"): Fault(
         "RF-107",
-        "{place} cannot open a connection: {what}",
+        "a program on {place} can open no further file or connection: {what}",
         do=(
             hand(
-                "on {place}, end the program that holds most files or sockets (the look names it), or raise its LimitNOFILE and start it again"
+                "on {place}, start that program again, or first raise its limit: LimitNOFILE= in its unit, ulimit -n in its shell"
             ),
         ),
         look=(

@@ -12,7 +12,7 @@ from ..._base import processes
 from ..._base.commands import text
 from ..._base.plain_text import LINE, plain
 from ..._base.regular_files import read_regular
-from ..._contract.computer import Disk
+from ..._contract.computer import Disk, FullProcess
 from ..._machine import ports
 
 UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
@@ -23,6 +23,7 @@ STATE = "/var/lib/private/multimaster-{}"
 # An accept of libxmlrpcpp takes 8 bytes for each file that its process may open (XmlRpcServer::countFreeFDs).
 MOST_FILES = 1 << 20  # as containers have it
 MOST_NODES = 20  # that are told
+CONFINED = 16  # a program with a smaller limit has given it to itself, as sshd before a login
 _MOST_HOSTS = 1 << 20  # bytes of a file of names
 _STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # their limit is that of a shell
 
@@ -71,6 +72,23 @@ def file_limits() -> typing.List[Row]:
         return {"limit": limit, "unit": unit if unit.endswith(".service") and not _STARTERS.match(unit) else ""}
 
     return _list_nodes(look, "/proc")
+
+
+def full_processes(proc: str = "/proc") -> typing.List[Row]:
+    """List processes that may open no file more, or one: their kernel takes connections, and they do not (accept(2), EMFILE)."""
+    found = []
+    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
+        counted = processes.count_files(pid, proc)
+        if counted is None or counted[1] - counted[0] > 1 or counted[1] < CONFINED:
+            continue
+        try:
+            name = _name_of(pid, proc)
+        except OSError:  # it has ended
+            continue
+        found.append(FullProcess(name, pid, _unit_of(pid, proc), *counted).plain())
+        if len(found) == MOST_NODES:
+            break
+    return found
 
 
 def container_names(names: typing.Iterable[str], proc: str = "/proc", hosts: str = "/etc/hosts") -> typing.List[Row]:

@@ -89,6 +89,11 @@ def _is_full(entry: ServiceState) -> bool:
     return entry.open_files is not None and entry.most_files is not None and entry.most_files - entry.open_files <= 1
 
 
+def _find_pid(context: CheckContext, entry: ServiceState) -> str:
+    """Name the process of a service that may open no file more, as far as it was seen."""
+    return next((f" (PID {one.pid})" for one in context.probe.full_processes if one.unit == entry.unit), "")
+
+
 def _was_started_again(context: CheckContext, entry: ServiceState) -> bool:
     """Return True if systemd has started it again lately: what was before the last verification is told no more."""
     return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= context.state.lately
@@ -160,7 +165,9 @@ def _judge_services(context: CheckContext) -> Judgement:
             broken.append(f"the process of {entry.unit} is stopped")
             components |= make_components("service", context.observer.name, "stopped", what=unit)
         elif _is_full(entry):
-            broken.append(f"{entry.unit} has all of its {entry.most_files} files open")
+            broken.append(
+                f"{entry.unit}{_find_pid(context, entry)} has {entry.open_files} of {entry.most_files} files open"
+            )
             components |= make_components("service", context.observer.name, "full", what=unit)
         elif _was_started_again(context, entry):
             restarted.append(

@@ -5,10 +5,12 @@
 
 from __future__ import annotations
 
+import re
+
 from ..._base.sentences import shorten_list
 from ..context.check_context import CheckContext, Participant
 from ..context.needs import Components, join_components, make_components
-from ..observe.observations import ContainerNames, Disk, FileLimit, ParameterDifference, Probe
+from ..observe.observations import ContainerNames, Disk, FileLimit, FullProcess, ParameterDifference, Probe
 from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 # The parameters of the nodes
@@ -139,6 +141,25 @@ def _judge_file_limits(context: CheckContext) -> Judgement:
     found = shorten_list(f"{entry.limit} for {entry.node}" for entry in context.probe.file_limits)
     components = join_components(_limit_component(context, entry) for entry in context.probe.file_limits)
     return judge_fault(WARNING, "1048576 open files at most", found, "no process of ROS with more", components)
+
+
+OURS = re.compile(r"multimaster-[a-z-]+\.service\Z")  # the check `services` says it of these
+
+
+def describe_full(entry: FullProcess) -> str:
+    """Say which process has all of its files open."""
+    return f"{entry.name} (PID {entry.pid}) has {entry.open_files} of {entry.most_files} files open"
+
+
+@Check(
+    title="programs may open further files",
+    needs=lambda context: make_components("computer", context.observer.name, "limit"),
+    when=lambda context: context.observer.is_probed,
+)
+def _judge_open_files(context: CheckContext) -> Judgement:
+    full = [describe_full(entry) for entry in context.probe.full_processes if not OURS.match(entry.unit)]
+    components = join_components(make_components("computer", context.observer.name, "limit", what=one) for one in full)
+    return judge_fault(WARNING, "files left to open, for new connections", "; ".join(full), "enough", components)
 
 
 # Containers

@@ -120,3 +120,16 @@ def test_a_container_that_is_older_than_the_names(tmp_path, numbers, variables, 
 
 def test_no_limit_of_a_process_that_has_ended():
     assert processes.file_limit(1 << 30) == 0
+
+
+@pytest.mark.parametrize(("more", "told"), [(1, False), (0, True)])
+def test_a_process_with_all_of_its_files_open_is_named(more, told):
+    program = "import os, resource, sys; own = len(os.listdir('/proc/self/fd')) - 1 + 30; "
+    program += f"resource.setrlimit(resource.RLIMIT_NOFILE, (own + {2 * more}, 4096)); "
+    program += "held = [os.dup(0) for _number in range(30)]; print('ready', flush=True); sys.stdin.read()"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", program, "__name:=bridge"], **pipes) as process:
+        assert process.stdout.readline() == b"ready\n"
+        found = [entry for entry in resources.full_processes() if entry["pid"] == process.pid]
+        process.stdin.close()
+    assert [(entry["name"], entry["most_files"] - entry["open_files"]) for entry in found] == [("bridge", 0)] * told

@@ -72,6 +72,7 @@ def test_everything_is_good_between_three_robot_networks():
     router = {finding.check for finding in findings if finding.observer == "router"}
     assert router == {
         "forwarding",
+        "open_files",
         "reachable",
         "measured",
         "address_once",

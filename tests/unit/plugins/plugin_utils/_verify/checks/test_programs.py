@@ -9,10 +9,13 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     ContainerNames,
     Disk,
     FileLimit,
+    FullProcess,
     NodeParameters,
     ParameterDifference,
     RegisteredTopic,
+    SilentNode,
 )
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import ONE, TWO, assert_told, components, diagnosed, evaluate, notable, of, update
 
 BOTH = ("master_discovery", "master_sync")
@@ -31,6 +34,10 @@ def _limit(unit):
     return lambda seen: update(seen[ONE].probe, file_limits=(FileLimit("/amcl", 1073741816, unit),))
 
 
+def _full(unit="robot.service"):
+    return lambda seen: update(seen[ONE].probe, full_processes=(FullProcess("rosbridge", 4711, unit, 1024, 1024),))
+
+
 def _old_container(seen):
     return update(seen[ONE].probe, container_names=(ContainerNames("rosmaster", "docker-0badcafe.scope", (TWO,)),))
 
@@ -46,6 +53,7 @@ FAULTS = [
     (_disk(10**9, 0), "room", FAILED, "computer", TWO, "disk"),
     (_limit("robot.service"), "file_limits", WARNING, "limit", ONE, "unit"),
     (_limit(""), "file_limits", WARNING, "limit", ONE, "shell"),
+    (_full(), "open_files", WARNING, "computer", ONE, "limit"),
     (_old_container, "container_names", WARNING, "container", ONE, "names"),
 ]
 
@@ -62,6 +70,23 @@ def test_the_finding_says_which_parameter_and_which_disk():
     assert "/var/log" in disk.sentence()
     (old,) = diagnosed(_old_container).findings
     assert f"docker-0badcafe.scope lacks {TWO}" in old.sentence()
+
+
+def test_the_finding_names_the_process_that_has_all_of_its_files_open():
+    (full,) = diagnosed(_full()).findings
+    assert full.component.what == "rosbridge (PID 4711) has 1024 of 1024 files open" in full.sentence()
+    assert not notable(evaluate(_full("multimaster-roscore.service")))  # the check of services says that
+
+
+def test_a_node_that_hangs_since_its_files_are_open_is_no_finding_of_its_own():
+    def seen_so(seen):
+        _full()(seen)
+        silence = SilentNode("/rosbridge", ONE, "timed out", Outcome.NO_ANSWER, Outcome.OPEN)
+        update(seen[ONE].probe.exchange, silent=("/rosbridge",), silences=(silence,))
+
+    (full,) = diagnosed(seen_so).findings
+    assert (full.component.kind, full.component.mode) == ("computer", "limit")
+    assert {row.check for row in (*full.rows, *full.proof)} == {"open_files", "nodes_answer"}
 
 
 def test_a_strange_node_is_told_and_costs_nobody_the_report():
