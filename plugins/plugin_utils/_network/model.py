@@ -112,7 +112,9 @@ class Rule:
     state: str = ""  # NEW: what begins something; ANSWER: the rest
     above: int = 0  # only what has more bytes
     table: str = ""  # a packet has to pass the chain of each table
-    origins: tuple[str, ...] = ()  # "family table chain" in which it stands; of a policy those of all rules before it
+    origins: tuple[
+        str, ...
+    ] = ()  # "family table chain" in which it stands; of a policy its chain first, and those of all rules before it
 
     def matches(self, packet: Packet, incoming: str, leaving: str) -> bool:
         """Tell if this rule is for a packet."""

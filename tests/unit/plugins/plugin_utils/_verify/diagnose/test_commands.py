@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import INVENTORY, write_advices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.facts import read_rules
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
@@ -160,6 +161,13 @@ def test_the_fleet_is_let_in_before_the_rule_that_drops(mode, what, origin, word
     run.state.filters.rules[component] = Rule("in", "drop", origins=(origin,))
     commands = make_commands([component], run.run[NAME], run.state)
     assert (commands[0].text if commands else "").startswith(words) and bool(commands) == bool(words)
+
+
+def test_a_policy_that_drops_has_its_chain():
+    (rule,), unclear = read_rules(
+        [{"hook": "input", "table": "inet own", "policy": "drop", "rules": [], "unread": 0, "name": "door"}]
+    )
+    assert (rule.verdict, rule.origins, unclear) == ("drop", ("inet own door",), frozenset())
 
 
 @pytest.mark.parametrize(
