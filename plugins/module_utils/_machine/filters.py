@@ -172,6 +172,8 @@ def _match(words: Words) -> Words:
     left, right = words["left"], words["right"]
     if left in _LENGTHS and words.get("op") in (">", ">=") and isinstance(right, int):
         return {"above": right - (words["op"] == ">=")}
+    if words.get("op") == "!=" and right == "lo" and left in _INTERFACES:
+        return {}  # a packet of another computer never comes by the loopback interface
     if words.get("op") not in ("==", "in") or not isinstance(left, dict):
         raise UnknownRule
     kind, value = next(iter(left.items()))
@@ -243,6 +245,7 @@ def _ports(right: typing.Any) -> typing.List[int]:
     raise UnknownRule  # several of them
 
 
+_INTERFACES: typing.Tuple[Words, ...] = tuple({"meta": {"key": key}} for key in ("iifname", "iif", "oifname", "oif"))
 _LENGTHS: typing.Tuple[Words, ...] = ({"meta": {"key": "length"}}, {"payload": {"protocol": "ip", "field": "length"}})
 
 _READERS: typing.Mapping[typing.Tuple[str, str], Reader] = {

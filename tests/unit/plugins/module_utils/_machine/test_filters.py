@@ -45,12 +45,14 @@ RULES = {
     },
     "ip length > 1000 drop": {"verdict": "drop", "above": 1000},
     "meta length >= 1000 drop": {"verdict": "drop", "above": 999},
+    "iifname != lo tcp dport 11311 drop": {"verdict": "drop", "protocol": "tcp", "ports": [11311, 11311]},
     "iifname eth0 oifname docker0 accept": {"verdict": "accept", "incoming": "eth0", "leaving": "docker0"},
 }
 STRANGE = (
     "tcp dport { 22, 80 } accept",
     "ip length < 100 drop",
     'iifname "eth*" drop',
+    "iifname != eth0 drop",
     "ip saddr != 192.168.1.0/24 drop",
     "ip protocol esp drop",
     "ct state invalid drop",
