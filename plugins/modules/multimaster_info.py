@@ -262,7 +262,7 @@ filters:
   type: dict
   sample: {readable: true, chains: [{hook: forward, table: ip filter, policy: drop, rules: [{verdict: accept, protocol: tcp,
               ports: [22, 22], sources: [], destinations: [], incoming: '', leaving: '', state: '', above: 0, chain: input}],
-          unread: 0, name: FORWARD}], arp: [arp filter]}
+          unread: 0, chain: FORWARD}], arp: [arp filter]}
   contains:
     readable: {description: Whether C(nft) is there and prints its rules., returned: always, type: bool}
     chains: {description: 'The chains that may drop or translate packets, in the order in which a packet meets them, without

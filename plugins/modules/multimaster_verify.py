@@ -568,7 +568,7 @@ exchange:
           topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}], services: []}],
       silent: [], silences: [], announced: [{node: /odom_pub, host: 127.0.0.1, port: 41233, addresses: [], services: ''}],
       unreached: [], nodes: {registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}, connections: [
-        {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}]}
+        {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}], types_outcome: answered}
   contains:
     error: {description: 'Why it could not be read, or empty.', returned: always, type: str}
     types_error: {description: 'Why the md5 sums are not known, or empty.', returned: always, type: str}
@@ -588,6 +588,8 @@ exchange:
     nodes: {description: The number of the robot's own nodes., version_added: 1.1.0, returned: always, type: dict}
     connections: {description: 'The connections of the robot''s own nodes with nodes of other robots, by C(getBusInfo).', returned: always,
         type: list, elements: dict}
+    types_outcome: {description: 'What became of the question for the md5 sums, V(answered), V(no_answer) where its time was over,
+          or V(failed).', returned: always, type: str}
 traffic:
   description: What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters
     (C(getBusStats)) were read twice.
@@ -808,6 +810,12 @@ next_boot:
     file: {description: The file that decides; empty if none does., returned: always, type: str}
     when: {description: 'The time of the last change of this file, or an empty text without a file.', returned: always,
         type: str}
+pace:
+  description: How many times longer things take on this computer than on an idle one, 1 to 6; its limits of time
+    were stretched by it.
+  returned: when O(action=collect)
+  type: float
+  sample: 1.0
 talker:
   description: The talker of this computer.
   returned: unless O(action=stop) or O(is_router=true)

@@ -1,19 +1,54 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Deadlines: many calls at the same time with one limit, and a look that is repeated until a deadline."""
+"""Deadlines: many calls at the same time with one limit, and a look that is repeated until a deadline.
+
+A slow or busy machine answers late, as do the programs that it asks on itself. A limit that does not know it takes late for never:
+so limits are stretched by the pace of this machine, how many times longer everything takes than on an idle computer.
+"""
 
 import queue
 import threading
 import time
 import typing
 
+from .commands import text
+
 WORKERS = 16
 PAUSE = 0.5  # seconds between two looks
+ROUNDS = 300_000  # of some work, by which the pace is measured
+USUAL = 0.015  # seconds of a processor that the computer of a robot takes for it at most; a fast one takes a third
+SLOWEST = 6.0  # times
+LONGEST = 60.0  # seconds by which a limit becomes longer at most
+_measured = [1.0]  # the pace
+
+
+def measure_pace(waits: str = "/proc/self/schedstat") -> float:
+    """Measure the pace, keep it for this process, and return it: 1 to SLOWEST.
+
+    It is the time that the processor takes for some work, and how long this process has waited for a processor since its start.
+    """
+    began = time.process_time()
+    for _number in range(ROUNDS):
+        pass
+    slow = max(1.0, (time.process_time() - began) / USUAL)
+    _measured[0] = round(min(SLOWEST, slow * _read_waits(waits)), 1)
+    return _measured[0]
+
+
+def _read_waits(path: str) -> float:
+    """Read how many times longer a process took since the kernel had others run meanwhile (sched-stats.rst); 1 where it is not told."""
+    numbers = [int(word) for word in text(path, 200).split() if word.isdigit()]
+    return 1 + numbers[1] / numbers[0] if len(numbers) > 1 and numbers[0] else 1.0
+
+
+def stretch(seconds: float) -> float:
+    """Return a limit of time as this machine needs it: that on an idle computer before `measure_pace` was called."""
+    return min(seconds * _measured[0], seconds + LONGEST)
 
 
 def call_all(function: typing.Callable, items: typing.Sequence, limit: float, late: typing.Callable) -> typing.List:
-    """Call a function for each item in several threads; after `limit` seconds late(item) replaces a missing result.
+    """Call a function for each item in several threads; after `limit` seconds, at the pace of this machine, late(item) replaces a missing result.
 
     What a call raises ends the others that have not begun, and is raised here.
     The threads are daemons, so a name server that never answers does not keep the process.
@@ -38,7 +73,7 @@ def call_all(function: typing.Callable, items: typing.Sequence, limit: float, la
     threads = [threading.Thread(target=work, daemon=True) for _number in range(min(WORKERS, len(items)))]
     for thread in threads:
         thread.start()
-    deadline = time.monotonic() + limit
+    deadline = time.monotonic() + stretch(limit)
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
     if failures:

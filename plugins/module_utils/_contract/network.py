@@ -282,7 +282,7 @@ class FilterChain(Struct):
         "The rules that are understood, those of chains that are jumped to in their place."
     )
     unread: int = field("The number of rules that say more than that.", 0)
-    name: str = field("The name of the chain.", "FORWARD", default="")
+    chain: str = field("The name of the chain.", "FORWARD", default="")
 
 
 class FilterChains(Struct):

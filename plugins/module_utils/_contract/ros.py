@@ -272,6 +272,10 @@ class Exchange(Struct):
     connections: typing.Tuple[NodeConnection, ...] = field(
         "The connections of the robot's own nodes with nodes of other robots, by C(getBusInfo)."
     )
+    types_outcome: Outcome = field(
+        "What became of the question for the md5 sums, V(answered), V(no_answer) where its time was over, or V(failed).",
+        "answered",
+    )
 
 
 class SentTopic(Struct):

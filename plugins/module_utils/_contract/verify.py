@@ -127,6 +127,11 @@ class Probe(Struct, returned="when O(action=collect)"):
     next_boot: typing.Tuple[BootDeviation, ...] = field(
         "What works now, or not, and will not be as O(boot) and O(services) say after the next boot."
     )
+    pace: float = field(
+        "How many times longer things take on this computer than on an idle one, 1 to 6; its limits of time were stretched by it.",
+        1.0,
+        default=1.0,
+    )
     talker: typing.Optional[Talker] = field(
         "The talker of this computer.",
         {"running": True, "error": ""},

@@ -79,7 +79,7 @@ def chains(ruleset: Words) -> typing.List[Words]:
         read.chain(base["name"], {}, 0)
         policy = base.get("policy", "accept")
         table = f"{base['family']} {base['table']}"
-        named = {"hook": base["hook"], "table": table, "policy": policy, "name": base["name"]}
+        named = {"hook": base["hook"], "table": table, "policy": policy, "chain": base["name"]}
         made.append(dict(named, rules=read.flat, unread=read.unread))
     return [chain for chain in made if chain["rules"] or chain["unread"] or chain["policy"] != "accept"]
 

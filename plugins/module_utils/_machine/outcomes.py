@@ -8,6 +8,7 @@ import socket
 import time
 import typing
 
+from .._base.deadlines import stretch
 from .._contract.outcomes import Outcome
 
 # What each stands for where packets are sent; ip-route(8) has those of routes, nf_hook_slow of the kernel that of packet filters.
@@ -54,10 +55,10 @@ class PortAnswer(typing.NamedTuple):
 
 
 def connect(address: str, port: int, patience: float) -> PortAnswer:
-    """Open a TCP connection, and close it."""
+    """Open a TCP connection within so many seconds, at the pace of this machine, and close it."""
     start = time.monotonic()
     try:
-        socket.create_connection((address, port), timeout=patience).close()
+        socket.create_connection((address, port), timeout=stretch(patience)).close()
     except OSError as problem:
         error = "" if isinstance(problem, socket.timeout) else problem.strerror or str(problem)
         return PortAnswer(*classify_error(problem), None, error)

@@ -7,7 +7,7 @@ import time
 import typing
 from itertools import chain
 
-from .._base.deadlines import call_all
+from .._base.deadlines import call_all, measure_pace
 from .._base.module import validate_options
 from .._base.plain_text import LINE, quote
 from .._base.problem import Problem
@@ -216,9 +216,10 @@ PartResult = typing.Tuple[Part, typing.Any, str]  # a part, its value, and why t
 
 def look(params: Params, check_mode: bool) -> Result:
     """Look at all due parts at the same time. A part that fails gives a sentence in `problems`."""
+    speed = measure_pace()  # before the threads below, which would wait for each other
     start = time.monotonic()
     result: Result = {part.name: part.default for part in PARTS}
-    result["problems"] = []
+    result.update(problems=[], pace=speed)
     ros = Ros(params["environment_file"], params["environment"])
     given = dict(params, params=params, ros=ros, deadline=start + params["patience"])
 

@@ -117,7 +117,7 @@ def read_rules(chains: Iterable[Info]) -> tuple[tuple[Rule, ...], frozenset[str]
         rules += own
         unclear |= {hook} if chain["unread"] else set()
         if chain["policy"] != ACCEPT:
-            base = [f"{chain['table']} {chain['name']}"] if chain.get("name") else []
+            base = [f"{chain['table']} {chain['chain']}"] if chain.get("chain") else []
             origins = dict.fromkeys([*base, *(origin for rule in own for origin in rule.origins)])
             rules.append(Rule(hook, chain["policy"], table=table, origins=tuple(origins)))
     return tuple(rules), frozenset(unclear)

@@ -55,7 +55,8 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
     parts = _parts(tables, types, imported)
     found.update(parts.pop("", {"topics": [], "services": []}))
     found["imports"] = [dict(part, master=master) for master, part in sorted(parts.items())]
-    found["types_error"] = _add_sums(ros, found["topics"])
+    found["types_error"], outcome = _add_sums(ros, found["topics"])
+    found["types_outcome"] = outcome.value
     nodes = {node: uri for node, uri in uris.items() if node not in imported}
     named = {uri: node for node, uri in uris.items()}
     found["announced"] = _resolve(node_hosts.announced(nodes, _service_uris(ros, nodes, tables[2]), members, own))
@@ -73,12 +74,12 @@ def _place(uri: str) -> typing.Dict[str, typing.Any]:
     return {"host": host, "port": port}
 
 
-def _add_sums(ros: Ros, topics: typing.List[typing.Dict[str, typing.Any]]) -> str:
-    """Give each topic the md5 sum of its type here; return why there are none, or an empty text."""
-    sums, problem = _md5sums(ros, sorted({topic["type"] for topic in topics if "/" in topic["type"]}))
+def _add_sums(ros: Ros, topics: typing.List[typing.Dict[str, typing.Any]]) -> typing.Tuple[str, Outcome]:
+    """Give each topic the md5 sum of its type here; return why there are none, or an empty text, and the outcome."""
+    sums, problem, outcome = _md5sums(ros, sorted({topic["type"] for topic in topics if "/" in topic["type"]}))
     for topic in topics:
         topic["md5sum"] = sums.get(topic["type"], "")
-    return problem
+    return problem, outcome
 
 
 def _resolve(rows: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
@@ -158,14 +159,14 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
     return found
 
 
-def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str]:
-    """Ask the Python of ROS for the md5 sums of message types; return {type: md5 sum}, and an error or ''."""
+def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str, Outcome]:
+    """Ask the Python of ROS for the md5 sums of message types; return {type: md5 sum}, an error or '', and the outcome."""
     try:
         output, error = ros.run_python(inspect.getsource(message_types), TYPES, json.dumps(types))
     except OSError as problem:
-        return {}, plain(tell_reason(problem))
+        return {}, plain(tell_reason(problem)), classify_error(problem)[0]
     sums = last_line(output.encode())
-    return sums if _are_texts(sums) else {}, error
+    return sums if _are_texts(sums) else {}, error, Outcome.FAILED if error else Outcome.ANSWERED
 
 
 def _are_texts(value: typing.Any) -> bool:

@@ -9,11 +9,12 @@ that of a person's workspace, so they are foreign code: without rights, and with
 
 import shlex
 import shutil
+import socket
 import time
 import typing
 
 from ..._base.commands import BASE_PATH, text
-from ..._base.deadlines import poll
+from ..._base.deadlines import poll, stretch
 from ..._base.foreign import foreign
 from ..._base.plain_text import plain
 from ..._base.problem import tell_reason
@@ -54,7 +55,7 @@ class Ros:
     def run_python(self, program: str, limit: float, given: str) -> typing.Tuple[str, str]:
         """Run the text of a program under the Python of this computer's ROS, which gets `given`; return its output, and an error or ''.
 
-        Raises OSError.
+        Raises OSError, and socket.timeout where it takes too long.
         """
         script = self._find("rostopic")
         if script is None:
@@ -62,12 +63,13 @@ class Ros:
         words = interpreter(read_regular(script, 4096))
         if not words:
             return "", "rostopic is no script, so the Python of ROS is not known"
+        limit = stretch(limit)
         argv = ["timeout", f"--kill-after={KILLED}", f"{limit:.1f}", *words, "-c", program]
         variables = dict(self.variables, PATH=self.variables.get("PATH", BASE_PATH), LC_ALL="C.UTF-8")
         variables.update(PYTHONUNBUFFERED="1", PYTHONDONTWRITEBYTECODE="1")
         answer = foreign(argv, variables, limit + 2 * KILLED, given, homes=("HOME", "ROS_HOME", "ROS_LOG_DIR"))
         if answer.status == 124:  # timeout(1)
-            return answer.text, f"the Python of ROS printed nothing within {limit:.0f} s"
+            raise socket.timeout(f"the Python of ROS printed nothing within {limit:.0f} s")
         error = answer.last_error or f"the Python of ROS ended with status {answer.status}"
         return answer.text, plain(error) if answer.status else ""
 

@@ -14,13 +14,14 @@ import struct
 import time
 import typing
 
+from ..._base.deadlines import stretch
 from ..._base.plain_text import plain, quote
 from . import node
 from .header import decode_fields, encode_block, encode_header
 from .hosts import place_of
 from .xml_rpc import ask
 
-CALL = 5.0  # seconds that a call may take, from the connection to the last byte
+CALL = 5.0  # seconds that a call may take at the usual pace, from the connection to the last byte
 CONNECT = 2.0  # seconds that a connection may take before a stream
 LEAST = 1e-6  # seconds of a stream: of much fewer, the rate would be infinite
 MOST = 2 << 20  # bytes of an answer: 5,000 topics are 1 MB
@@ -129,12 +130,13 @@ def _explain(late: str, strange: str) -> typing.Iterator[None]:
 
 def call(uri: str, service: str, known: Types, caller: str) -> typing.Tuple[typing.List[Row], str]:
     """Call a service at its URI (rosrpc://host:port); return the list in its answer, and its type. Raises OSError with a sentence."""
-    deadline = time.monotonic() + CALL
-    with _explain(f"{service} gave no answer within {CALL:g} s", f"{service} gave an answer that is none"):
+    limit = stretch(CALL)
+    deadline = time.monotonic() + limit
+    with _explain(f"{service} gave no answer within {limit:g} s", f"{service} gave an answer that is none"):
         host, port = place_of(uri)
         if not uri.startswith("rosrpc:") or not host or not port:
             raise ValueError(f"{quote(uri)} is no address of a service")
-        with socket.create_connection((host, port), CALL) as connection:
+        with socket.create_connection((host, port), limit) as connection:
             connection.sendall(encode_header({"callerid": caller, "service": service, "md5sum": "*"}))
             fields = decode_fields(_read_block(connection, _HEADER, deadline), "replace")
             if "error" in fields:
@@ -163,9 +165,10 @@ def hear(
 
     `on_open` is called when the connection is open.
     """
-    deadline = time.monotonic() + CALL
-    late, strange = f"no message within {CALL:g} s", "a message that is none"
-    with _explain(late, strange), socket.create_connection(place, CALL) as connection:
+    limit = stretch(CALL)
+    deadline = time.monotonic() + limit
+    late, strange = f"no message within {limit:g} s", "a message that is none"
+    with _explain(late, strange), socket.create_connection(place, limit) as connection:
         on_open()
         fields = _subscribe(connection, topic, caller, deadline, tcp_nodelay="1")
         return plain(ValueReader(_read_block(connection, _HEADER, deadline)).text()), plain(fields.get("callerid", ""))
@@ -176,9 +179,10 @@ def hear_any(place: typing.Tuple[str, int], asked: typing.Mapping[str, str]) -> 
 
     `asked`: the fields that say which topic. The message is not read. Raises OSError with a sentence where no header comes.
     """
-    deadline = time.monotonic() + CALL
-    late, strange = f"no header of a publisher within {CALL:g} s", "a header that is none"
-    with _explain(late, strange), socket.create_connection(place, CALL) as connection:
+    limit = stretch(CALL)
+    deadline = time.monotonic() + limit
+    late, strange = f"no header of a publisher within {limit:g} s", "a header that is none"
+    with _explain(late, strange), socket.create_connection(place, limit) as connection:
         connection.sendall(encode_header({"type": "*", "md5sum": "*", "tcp_nodelay": "1", **asked}))
         fields = decode_fields(_read_block(connection, _DEFINITIONS, deadline), "replace")
         if "error" in fields or not fields.get("md5sum"):
@@ -194,9 +198,10 @@ def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds:
 
     Raises OSError with a sentence.
     """
-    deadline = time.monotonic() + CALL + seconds
-    late, strange = f"no answer within {CALL:g} s", "an answer that is none"
-    with _explain(late, strange), socket.create_connection(place, CONNECT) as connection:
+    limit = stretch(CALL)
+    deadline = time.monotonic() + limit + seconds
+    late, strange = f"no answer within {limit:g} s", "an answer that is none"
+    with _explain(late, strange), socket.create_connection(place, stretch(CONNECT)) as connection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # the rest is not sent
         if "stream" not in _subscribe(connection, topic, caller, deadline, stream=f"{seconds:g}"):
             raise OSError("it takes no stream")

@@ -9,10 +9,11 @@ import time
 import typing
 import xmlrpc.client
 
+from ..._base.deadlines import stretch
 from ..._base.plain_text import plain, quote
 from .documents import ANSWER, STATE, Document
 
-CALL = 5.0  # seconds that an XML-RPC call may take, from the request to the last byte of the answer
+CALL = 5.0  # seconds that an XML-RPC call may take at the usual pace, from the request to the last byte of the answer
 
 Tables = typing.List[typing.Dict[str, typing.List[str]]]
 
@@ -28,7 +29,7 @@ class _Transport(xmlrpc.client.Transport):
 
     def make_connection(self, host: typing.Any) -> typing.Any:
         connection = xmlrpc.client.Transport.make_connection(self, host)
-        connection.timeout = CALL
+        connection.timeout = stretch(CALL)
         return connection
 
     def single_request(
@@ -36,10 +37,11 @@ class _Transport(xmlrpc.client.Transport):
     ) -> typing.Any:
         connection = self.make_connection(host)
         # The socket's own limit begins again with each byte.
-        deadline = time.monotonic() + CALL
-        limit = threading.Timer(CALL, _cut, (connection,))
-        limit.daemon = True
-        limit.start()
+        limit = stretch(CALL)
+        deadline = time.monotonic() + limit
+        timer = threading.Timer(limit, _cut, (connection,))
+        timer.daemon = True
+        timer.start()
         try:
             self.send_request(host, handler, request_body, verbose)
             answer = connection.getresponse()
@@ -50,9 +52,9 @@ class _Transport(xmlrpc.client.Transport):
             if time.monotonic() < deadline:
                 raise
             # The limit has cut it, which looks as if the other end had closed it.
-            raise socket.timeout(f"no whole answer within {CALL:g} s") from None
+            raise socket.timeout(f"no whole answer within {limit:g} s") from None
         finally:
-            limit.cancel()
+            timer.cancel()
             self.close()
 
     def _read(self, answer: typing.Any, deadline: float) -> typing.Any:
@@ -60,7 +62,7 @@ class _Transport(xmlrpc.client.Transport):
         while True:
             piece = answer.read1(1 << 16)
             if time.monotonic() > deadline:
-                raise OSError(f"no whole answer within {CALL:g} s")
+                raise socket.timeout(f"no whole answer within {stretch(CALL):g} s")
             if not piece:
                 return document.close()[0]
             document.feed(piece)

@@ -66,6 +66,7 @@ def _judge_node_roscores(context: CheckContext) -> Judgement:
 
 # Registered nodes
 
+BUSY = 3.0  # times that everything takes longer on a computer, from which on a node may wait for a processor
 OWN_NODES = {
     "/master_discovery": "discovery",
     "/master_sync": "sync",
@@ -94,7 +95,7 @@ def _silent_suspects(context: CheckContext) -> Components:
 def _find_silent_components(context: CheckContext, exchange: Exchange) -> Components:
     """The collection's own nodes hang, or those of fkie_mas; services that do not run have a check of their own."""
     nodes = join_components(
-        make_components(kind, context.observer.name, "hung")
+        _blame_silence(context, kind, context.observer.name)
         for node, kind in OWN_NODES.items()
         if node in exchange.silent
     )
@@ -108,6 +109,14 @@ def _find_silent_components(context: CheckContext, exchange: Exchange) -> Compon
     return nodes | relay | stages.find_mute_talkers(context) | people | (ended if refused else frozenset())
 
 
+def _blame_silence(context: CheckContext, kind: str, computer: str, what: str = "") -> Components:
+    """A node that takes connections and does not answer hangs; on a busy computer it may wait for a processor, if no process is stopped there."""
+    there = context.run.get(computer)
+    if there is not None and there.probe.pace >= BUSY and not any(one.stopped for one in there.probe.node_hosts):
+        return make_components("computer", computer, "overloaded")
+    return make_components(kind, computer, "hung", what=what)
+
+
 def _is_ours(node: str) -> bool:
     return node in OWN_NODES or node.startswith(TEST_NODES)
 
@@ -118,7 +127,7 @@ def _find_people_components(context: CheckContext, entry: SilentNode) -> Compone
     if computer not in context.fleet.computers:
         return frozenset()
     if entry.tcp_outcome == Outcome.OPEN:
-        return make_components("node", computer, "hung", what=entry.node)
+        return _blame_silence(context, "node", computer, entry.node)
     if entry.outcome == Outcome.ANSWERED or computer == context.observer.name:
         return frozenset()
     drop = context.state.filters.find_drop(context.observer.name, computer, "nodes", entry.port)
@@ -269,6 +278,8 @@ def _judge_types(context: CheckContext) -> Judgement | None:
     error = context.exchange.types_error
     found = f"the md5 sums are not known: {error}" if error else ""
     unread = make_components("messages", context.observer.name, "unknown", what=error)
+    if context.exchange.types_outcome == Outcome.NO_ANSWER:  # late is not never
+        unread = make_components("computer", context.observer.name, "overloaded")
     return judge_fault(UNKNOWN, expected, found, "the same types", unread)
 
 

@@ -20,7 +20,7 @@ from ..._base.plain_text import LINE, LONGEST, plain_data, quote
 from ..._plan.model import FleetPlan
 from ..._plan.preflight import MachineState
 from .observations import FilterChains, FilterState, Multicast, Observation, Probe, Streams
-from .outcomes import Outcome
+from .outcomes import Outcome, list_outcome_keys
 from .packet_trace import SeenPackets, SentProbes, TraceObservation, TracePlan
 
 T = TypeVar("T")
@@ -52,10 +52,7 @@ FORMS = {
     "step": re.compile(r"told|answered|connected"),
     "roscore": re.compile(r"open"),
     "tcp": re.compile(r"refused"),
-    **dict.fromkeys(
-        ("outcome", "tcp_outcome", "roscore_outcome", "reached_outcome", "data"),
-        re.compile("|".join(word.value for word in Outcome)),
-    ),
+    **dict.fromkeys(list_outcome_keys(), re.compile("|".join(word.value for word in Outcome))),
     "name_sources": re.compile(r"files|dns|resolve|myhostname|mymachines|compat|nis|wins"),
     "destination": re.compile(r"default"),
     **dict.fromkeys(("device", "interface", "incoming", "leaving"), re.compile(r"lo")),

@@ -64,7 +64,7 @@ STRANGE = (
 @pytest.mark.parametrize("rule", RULES)
 def test_simple_rules_are_read(rule):
     rules = [{**RULES[rule], "chain": "c"}]
-    expected = {"hook": "forward", "table": "ip t", "policy": "drop", "rules": rules, "unread": 0, "name": "c"}
+    expected = {"hook": "forward", "table": "ip t", "policy": "drop", "rules": rules, "unread": 0, "chain": "c"}
     assert read(f"{HEAD}{CHAIN}add rule ip t c {rule}") == [expected]
 
 

@@ -281,11 +281,19 @@ def test_without_the_python_of_ros_only_the_sums_are_missing(ros):
     path = pathlib.Path(made.file).parent / "python"
     path.write_text("#!/bin/sh\necho 'ImportError: no roslib' >&2; exit 1\n")
     found = looked_at(made)
-    assert found["error"] == "" and "ImportError" in found["types_error"]
+    assert found["error"] == "" and "ImportError" in found["types_error"] and found["types_outcome"] == "failed"
     assert [topic["md5sum"] for topic in found["topics"]] == ["", ""]
     (pathlib.Path(made.file).parent / "rostopic").unlink()
     found = looked_at(made)
     assert found["error"] == "" and "there is no command rostopic" in found["types_error"] and found["topics"]
+
+
+def test_a_python_of_ros_that_is_late_has_not_failed(ros, monkeypatch):
+    made, _master = ros
+    (pathlib.Path(made.file).parent / "python").write_text("#!/bin/sh\nsleep 60\n")
+    monkeypatch.setattr(exchange, "TYPES", 0.5)
+    found = looked_at(made)
+    assert (found["error"], found["types_outcome"]) == ("", "no_answer") and found["types_error"]
 
 
 def test_types_that_are_none_are_a_sentence(ros, monkeypatch):

@@ -167,6 +167,10 @@ FAULTS = [
     (_other_type(), "types", FAILED, "messages", ROBOTS, "differ"),
     (_other_type(TALKS, "0123"), "types", FAILED, "messages", ROBOTS, "differ"),
     (_exchange_of(ONE, types_error="ImportError: no module named rospy"), "types", UNKNOWN, "messages", ONE, "unknown"),
+    (
+        _exchange_of(ONE, types_error="nothing within 20 s", types_outcome=Outcome.NO_ANSWER),
+        *("types", UNKNOWN, "computer", ONE, "overloaded"),
+    ),
     (_exchange_of(ONE, error="get_sync_info does not answer"), "flow", UNKNOWN, "sync", ONE, "untold"),
     (_not_followed, "flow", FAILED, "sync", ONE, "stale"),
     (_not_registered, "flow", FAILED, "sync", ONE, "stale"),
@@ -416,9 +420,14 @@ def test_a_node_with_a_wrong_host_is_the_one_finding(host):
     assert shell.where == TWO and shell.text.startswith("unset ROS_IP; ") and "session-4.scope" in shell.effect
 
 
-def _silent(node="/kobuki2/base", outcome=Outcome.NO_ANSWER, tcp_outcome=Outcome.OPEN, host=TWO):
+def _silent(node="/kobuki2/base", outcome=Outcome.NO_ANSWER, tcp_outcome=Outcome.OPEN, host=TWO, **more):
     silence = SilentNode(node, host, "timed out", outcome, tcp_outcome)
-    return lambda seen: update(seen[TWO].probe.exchange, silent=[node], silences=[silence])
+
+    def change(seen):
+        update(seen[TWO].probe.exchange, silent=[node], silences=[silence])
+        update(seen[TWO].probe, **more)
+
+    return change
 
 
 @pytest.mark.parametrize(
@@ -428,6 +437,10 @@ def _silent(node="/kobuki2/base", outcome=Outcome.NO_ANSWER, tcp_outcome=Outcome
         (_silent(host="192.168.1.2"), ("node", TWO, "hung")),
         (_silent(outcome=Outcome.REFUSED, tcp_outcome=Outcome.REFUSED), ("registration", TWO, "ghost")),
         (_silent("/master_sync"), ("sync", TWO, "hung")),
+        # late is not never
+        (_silent(pace=5.0), ("computer", TWO, "overloaded")),
+        (_silent("/master_sync", pace=5.0), ("computer", TWO, "overloaded")),
+        (_silent(pace=5.0, node_hosts=(NodeHost("", stopped=True),)), ("node", TWO, "hung")),
     ],
 )
 def test_a_node_that_does_not_answer_is_told_by_what_its_port_does(change, component):

@@ -165,7 +165,7 @@ def test_the_fleet_is_let_in_before_the_rule_that_drops(mode, what, origin, word
 
 def test_a_policy_that_drops_has_its_chain():
     (rule,), unclear = read_rules(
-        [{"hook": "input", "table": "inet own", "policy": "drop", "rules": [], "unread": 0, "name": "door"}]
+        [{"hook": "input", "table": "inet own", "policy": "drop", "rules": [], "unread": 0, "chain": "door"}]
     )
     assert (rule.verdict, rule.origins, unclear) == ("drop", ("inet own door",), frozenset())
 

@@ -69,6 +69,16 @@ def test_outcomes_are_words_that_need_no_sentence():
     assert "tcp_outcome" in _read({"verify_probe": {"members": [entry]}}, "", "verify_probe", []).problem
 
 
+def test_each_outcome_of_the_contract_stands_without_quotes():
+    crossing = {"topic": "/a", "nodes": [], "outcome": "no_answer", "message": False, "there": "answered", "error": ""}
+    relay = {"robot": "kobuki2", "outcome": "answered", "data_outcome": "open", "crossing": [crossing]}
+    probe = {"members": [], "relays": [relay], "exchange": {"types_outcome": "no_answer"}}
+    seen = _read({"verify_probe": probe}, "", "verify_probe", [])
+    assert not seen.problem and seen.probe.exchange.types_outcome == Outcome.NO_ANSWER
+    assert seen.probe.relays[0].data_outcome == Outcome.OPEN
+    assert seen.probe.relays[0].crossing[0].there == Outcome.ANSWERED
+
+
 def test_an_answer_of_strangers_costs_one_computer_its_result():
     odd = {"verify_probe": {"members": 3}}
     seen = _read(odd, "verify_multicast", "verify_probe", [])
