@@ -183,15 +183,23 @@ def _read_entries(entry: Mapping[Any, Any]) -> Iterator[Export]:
         yield _read_entry(entry)
         return
     whole = _read_entry({key: value for key, value in entry.items() if key != "as"})
-    named = [name for _key, name in whole.names()]
-    for name in (*named, *renamed):
-        if whole.parameters or name not in renamed or name not in named or "*" in str(name):
-            raise UnexpectedValue(
-                "at 'as' a namespace such as /kobuki1, or another name for each topic, service and action of the entry, none of them with '*', "
-                f"such as {{/scan: /front/scan}}, but there is '{name}'"
-            )
+    _check_renamed(whole, [name for _key, name in whole.names()], list(renamed))
     for key, name in whole.names():
         yield _read_entry({**entry, **dict.fromkeys(KINDS, []), key: [name], "as": renamed[name]}, base=name)
+
+
+def _check_renamed(whole: Export, named: Sequence[str], renamed: Sequence[Any]) -> None:
+    """Raise UnexpectedValue where 'as' has not another name for each name of an entry, or one for a name that the entry has not."""
+    wanted = "at 'as' a namespace such as /front, or another name for each topic, service and action of the entry, such as {/scan: /front/scan}"
+    unknown = next((name for name in renamed if name not in named), None)
+    if unknown is not None:
+        raise UnexpectedValue(f"{wanted}, but the entry has no '{unknown}'{nearest(str(unknown), named)}")
+    missing = next((name for name in named if name not in renamed), None)
+    if missing is not None:
+        raise UnexpectedValue(f"{wanted}, but there is none for '{missing}'")
+    starred = next((name for name in named if "*" in name), "parameters" if whole.parameters else None)
+    if starred is not None:
+        raise UnexpectedValue(f"{wanted}, none of them with '*', and no parameters, but there is '{starred}'")
 
 
 def _read_entry(entry: Mapping[Any, Any], base: str = "") -> Export:

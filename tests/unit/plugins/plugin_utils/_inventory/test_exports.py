@@ -159,6 +159,7 @@ def test_a_declaration_is_read():
         ([{"topics": ["/scan"], "as": "/"}], "/kobuki1 as"),
         ([{"topics": ["/scan", "/odom"], "as": {"/scan": "/front"}}], "/odom"),
         ([{"topics": ["/scan"], "as": {"/scan": "/front", "/odom": "/b"}}], "/odom"),
+        ([{"topics": ["/scan"], "as": {"/scn": "/front"}}], "/scn mean /scan?"),
         ([{"topics": ["/*"], "as": {"/*": "/front"}}], "* /scan /front/scan /*"),
         ([{"topics": ["/scan"], "as": {"/scan": "front"}}], "as front"),
         ([{"topics": ["/scan"], "as": {}}], "/scan"),
