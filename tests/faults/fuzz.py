@@ -44,7 +44,7 @@ SETTLE = 2.0  # seconds until a fault has its effect
 LOOKS = 2  # in which something is broken
 PATIENCE = 8  # seconds, as verify_patience: the lab's own looks have taken as long already
 # The limits: shares of all faults
-LEAST_COMPUTER, LEAST_PART, MOST_OTHER = 0.95, 0.85, 0.03
+LEAST_COMPUTER, LEAST_PART, MOST_OTHER = 0.97, 0.90, 0.02
 LEAST_BOTH = 0.85  # of two faults at once
 ALWAYS = ("signal", "person")  # kinds of faults that break something, also where the lab's own look does not ask for it
 
