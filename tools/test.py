@@ -353,7 +353,7 @@ SUITES = [
         "tests/long",
         labs=(
             *("long-links", "long-fuzz", "long-alone", "long-hostile", "long-strangers", "long-roscore", "long-soak"),
-            *("long-firewall", "long-firewall-broken-off", "long-gateways", "long-watch", "long-adopt"),
+            *("long-firewall", "long-firewall-broken-off", "long-gateways", "long-watch", "long-adopt", "long-upgrade"),
             *("long-seeded", "rehearse.long"),
         ),
         limit=LONG_LIMIT,

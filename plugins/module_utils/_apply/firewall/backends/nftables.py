@@ -144,7 +144,9 @@ class BackEnd(contract.BackEnd):
         if self.booted:
             contract.run_or_fail(["systemctl", "daemon-reload"])
             if self.packet_filter is not None:
-                contract.run_or_fail(["systemctl", "enable", "--now", UNIT])
+                # `enable` would leave the link to nftables.service that version 1.0.0 has made.
+                contract.run_or_fail(["systemctl", "reenable", UNIT])
+                contract.run_or_fail(["systemctl", "start", UNIT])
             else:
                 contract.run_command(["systemctl", "reset-failed", UNIT])
 
