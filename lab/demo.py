@@ -29,14 +29,14 @@ from machines.podman import LabError
 from progress import say
 from proofs.matrix import everybody
 from proofs.proof import NODES, Computer, Result, prove, table
-from proofs.twins import tell_apart
+from proofs.twins import distinguish_twins
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run of a playbook: how it ended, how long it took, what it ran and changed on each host."""
+    """One run of a playbook: its end, its duration, its tasks and changes on each host."""
 
     status: int
     seconds: float
@@ -81,7 +81,7 @@ def person(connection: Path, names: Iterable[str]) -> list[Computer]:
 
 
 def choose_computers(listing: Mapping[str, Any]) -> list[str]:
-    """A computer of each robot: an inner one that runs no roscore, where there is one."""
+    """A computer of each robot: an inner one that runs no roscore, if there is one."""
     variables = listing["_meta"]["hostvars"]
 
     def is_plain(name: str) -> bool:
@@ -102,7 +102,7 @@ def prove_all(listing: Mapping[str, Any], connection: Path) -> list[Result]:
 
 
 def prove_twins(listing: Mapping[str, Any], connection: Path) -> list[Result]:
-    """Prove that the station tells robots of one kind apart; the others have nothing of each other."""
+    """Prove that the station distinguishes robots of one kind; the others have nothing of each other."""
     say(
         "the same programs on each robot; rostopic, rosservice, actionlib and tf2 at the station, which know nothing of the relay"
     )
@@ -111,12 +111,12 @@ def prove_twins(listing: Mapping[str, Any], connection: Path) -> list[Result]:
     with contextlib.ExitStack() as stack:
         for computer in computers.values():
             stack.enter_context(computer.start_program("python3 -", NODES / "programs/twin_robot.py", seconds=600))
-        results = list(tell_apart(computers, station))
+        results = list(distinguish_twins(computers, station))
     print(table(results), flush=True)
     return results
 
 
-#: What is proved of a layout, where it is not that everybody reaches everybody.
+#: The proof of a layout, if it is another one than that everybody reaches everybody.
 PROOFS = {"identical_robots": prove_twins}
 
 
@@ -139,7 +139,7 @@ def figures(runs: dict[str, Run], systems: int, peak: int) -> str:
 
 
 def demonstrate(layout: str, lab: str, suites: Iterable[str]) -> bool:
-    """Bring the lab up, run site.yml, verify, try what the report tries, run site.yml again; True when all is well."""
+    """Bring the lab up, run site.yml, verify, make the tests of the report, run site.yml again; True when all is well."""
     inventory = ROOT / "inventory" / layout
     say(f"the lab: the computers of inventory/{layout} as containers with real systemd and ROS")
     listing = read_inventory(inventory)

@@ -80,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
             )
         return sub
 
-    images = command("image", "build images where they are missing", lab=False)
+    images = command("image", "build images if they are missing", lab=False)
     images.add_argument("suite", nargs="*", default=[image.SUITE], help=f"Debian's releases (default: {image.SUITE})")
     images.add_argument("--full", action="store_true", help="with all packages, as for the tests")
     command(

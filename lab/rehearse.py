@@ -56,7 +56,7 @@ class Preparation:
 
     @property
     def full(self) -> bool:
-        """Say whether the computers need more packages than those of a demonstration."""
+        """Return True if the computers need more packages than those of a demonstration."""
         return bool(self.faults) or self.wants_packages or any(MANAGERS[host.manager].full for host in self.hosts)
 
 
@@ -73,8 +73,8 @@ def machine() -> rehearsal.Machine:
 
 
 def prepare(options: argparse.Namespace, work: Path) -> Preparation:
-    """Read the inventory, say what is left aside, and refuse what cannot be rehearsed."""
-    say(f"the inventory {options.inventory}: what the robots need of it")
+    """Read the inventory, name the things that are left aside, and refuse those that cannot be rehearsed."""
+    say(f"the inventory {options.inventory}: the values that the robots need")
     reading = read(options.inventory, work, rehearsal.OPTIONS)
     hosts = list(reading.values.get("variables") or reading.listing["_meta"]["hostvars"])
     aside = rehearsal.list_unused(reading.listing, hosts, reading.encrypted)
@@ -113,7 +113,7 @@ class Rehearsal:
     connection: Path = Path()
     seconds: dict[str, float] = field(default_factory=dict)
     wrong: list[str] = field(default_factory=list)
-    report: Path | None = None  # the one to look at: the first where something is wrong, else the last
+    report: Path | None = None  # the one to look at: the first with a fault, else the last
 
     @property
     def lab(self) -> str:
@@ -134,7 +134,7 @@ class Rehearsal:
         return ok
 
     def start(self) -> bool:
-        """Start the containers, and what in the robots' world is not the collection's."""
+        """Start the containers, and the parts of the robots' world that are not the collection's."""
         containers.bring_up(self.lab, self.prepared.hosts, full=self.prepared.full)
         self.connection = containers.write_inventory(self.lab, self.prepared.hosts)
         for name, of in self.prepared.rehearsed.sealed.items():
@@ -155,7 +155,7 @@ class Rehearsal:
         return self.devices()
 
     def devices(self) -> bool:
-        """Have the devices forward, and paste what router_config.yml has written for them; they forget it at a reboot."""
+        """Have the devices forward, and paste the commands of router_config.yml; they forget it at a reboot."""
         for name, device in self.prepared.rehearsed.devices.items():
             script = self.work / "router_config" / device.folder / "linux.sh"
             paste = script.read_text() if script.exists() else ""  # no robot has a network of its own
@@ -197,7 +197,7 @@ class Rehearsal:
         return ok
 
     def reboot(self) -> bool:
-        """Reboot all computers: addresses, routes and kernel settings are what files say."""
+        """Reboot all computers: addresses, routes and kernel settings are those of files."""
         containers.restart(self.lab)
         return self.devices()
 

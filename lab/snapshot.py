@@ -18,7 +18,7 @@ import subprocess
 import sys
 
 TREES = (
-    "/etc",  # and so what ifupdown, networkd, NetworkManager and netplan read
+    "/etc",  # and so the files of ifupdown, networkd, NetworkManager and netplan
     "/usr/local",
     "/home",
     "/root",
@@ -29,7 +29,7 @@ TREES = (
     "/run/NetworkManager/system-connections",
     "/run/netplan",
 )
-# What tools of Ansible and ROS leave behind wherever they run.
+# Files that tools of Ansible and ROS leave behind wherever they run.
 PASSING = {".ansible", ".bash_history", ".cache", ".ros", "__pycache__"}
 # Kernel values that count, or that nobody may read or that are made anew at each boot.
 VARYING = ("/proc/sys/net/netfilter/nf_conntrack_count", "/proc/sys/net/ipv4/tcp_fastopen_key")
@@ -90,7 +90,7 @@ def unit_files():
 
 
 def units():
-    """The services that run: name -> state. Sessions, ways in and what was started for a moment are left out."""
+    """The services that run: name -> state. Sessions, ways in and short-lived ones are left out."""
     lines = _run("systemctl", "list-units", "--type=service", "--no-legend", "--plain", "--no-pager").splitlines()
     states = {line.split()[0]: " ".join(line.split()[1:4]) for line in lines}
     passing = ("user@", "user-runtime-dir@", "run-", "lab-ssh@")
@@ -155,7 +155,7 @@ def snapshot():
 
 
 def compare(before, after):
-    """What differs, a line each."""
+    """The differences, a line each."""
     for part in sorted(set(before) | set(after)):
         old, new = before.get(part, {}), after.get(part, {})
         for name in sorted(set(old) | set(new)):

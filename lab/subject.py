@@ -26,7 +26,7 @@ class Lab:
     patience = 300  # seconds for a playbook
 
     def __init__(self, name, inventory, extras=None):
-        """`extras`: computers beside those of the inventory, and more for those of it; see layout.Extra."""
+        """`extras`: computers besides those of the inventory, and more for those of it; see layout.Extra."""
         self.name, self.extras = name, extras
         self.become(inventory)
 
@@ -37,7 +37,7 @@ class Lab:
         self.inventory, self.connection = inventory, containers.write_inventory(self.name, hosts)
 
     def run(self, host, command, check=True, stdin=None):
-        """Run a shell command as root on a computer and return what it printed."""
+        """Run a shell command as root on a computer and return its output."""
         done = subprocess.run(
             ["podman", "exec", "-i", containers.container(self.name, host), "bash", "-lc", command],
             input=stdin,
@@ -68,7 +68,7 @@ class Lab:
         )
 
     def wait_until_ready(self, host, unit, seconds=60):
-        """Wait for the line "ready" of a program that `start` has started. One that has ended instead fails with what it said."""
+        """Wait for the line "ready" of a program that `start` has started. One that has ended instead fails with its output."""
 
         def ready():
             state, *said = self.run(host, f"systemctl is-active {unit}; cat /run/{unit}.out", check=False).splitlines()
@@ -106,7 +106,7 @@ class Lab:
 
     def play(self, name, *options, variables=None, programs=Path(sys.executable).parent, environment=None):
         """Run a playbook; returns its exit status and its output on one line."""
-        report = ROOT / ".work" / "reports" / f"{self.name}.json"  # not beside those of the user
+        report = ROOT / ".work" / "reports" / f"{self.name}.json"  # not among those of the user
         report.parent.mkdir(parents=True, exist_ok=True)
         extra = json.dumps({"verify_report": str(report), **(variables or {})})
         return self._ansible(programs / "ansible-playbook", name, *options, "-e", extra, environment=environment)
@@ -123,7 +123,7 @@ class Lab:
         )
 
     def ssh(self, host, command, user="root"):
-        """Run a command over a new connection by ssh, and return what it printed on one line."""
+        """Run a command over a new connection by ssh, and return its output of one line."""
         variables = {"ansible_user": user, "ansible_ssh_extra_args": "-o ControlPath=none"}
         words = ("-m", "ansible.builtin.raw", "-e", json.dumps(variables), "-a", command)
         return self._ansible(Path(sys.executable).with_name("ansible"), host, *words)[1]
@@ -148,7 +148,7 @@ class Lab:
 
 @contextlib.contextmanager
 def lab_of(name, inventory, extras=None):
-    """The computers of an inventory, and what is extra, until the end of the block, or of this program by a signal."""
+    """The computers of an inventory, and the extra ones, until the end of the block, or of this program by a signal."""
     with containers.remove_at_end(name):
         yield Lab(name, inventory, extras)
 

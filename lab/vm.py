@@ -54,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(word)
         return sub
 
-    command("image", "build disks where they are missing").add_argument("suite", nargs="*", default=[image.SUITE])
+    command("image", "build disks if they are missing").add_argument("suite", nargs="*", default=[image.SUITE])
     up = command("up", "start machines; prints the file of their connection variables")
     up.add_argument("--inventory", metavar="DIR", type=Path, help="the computers of an inventory")
     up.add_argument("--machine", metavar=MACHINE, type=_machine, action="append", default=[], help="one machine")

@@ -27,7 +27,7 @@ COPIES = {
 
 
 def find_stale_copies() -> list[str]:
-    """The copies that are not what their original is."""
+    """The copies that differ from their original."""
     return [
         copy
         for copy, original in COPIES.items()

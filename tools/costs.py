@@ -44,7 +44,7 @@ def list_cases(number: int) -> Iterator[tuple[int, str, Any]]:
 
 
 def find_moves(fault_id: str, change: float, cases: list[tuple[int, str, Any]]) -> Iterator[Move]:
-    """Diagnose each case with the cost of today and with another one, and yield what differs."""
+    """Diagnose each case with the cost of today and with another one, and yield the differences."""
     key = find_key(fault_id)
     rows: Any = table.FAULTS  # the tables of the faults are dictionaries, and parts look into this one
     today = rows[key]
@@ -75,7 +75,7 @@ def main() -> int:
     try:
         fault = table.FAULTS[find_key(chosen.id)]
     except KeyError:
-        parser.error(f"{chosen.id} is no id of what verify finds; docs/findings/README.md has them")
+        parser.error(f"{chosen.id} is no id of a finding; docs/findings/README.md has them")
     moves = list(find_moves(chosen.id, chosen.change, list(list_cases(chosen.cases))))
     for move in moves:
         print(

@@ -47,7 +47,7 @@ SEEN = {
 
 
 def read_examples() -> Mapping[Key, Sequence[tuple[str, str]]]:
-    """Return the faults of the lab by what is to be named first: title, and the command that makes it."""
+    """Return the faults of the lab by the finding that is to be named first: title, and the command that makes it."""
     found = defaultdict(list)
     for path in sorted(CATALOGUE.glob("*.yml")):
         fault = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -66,9 +66,9 @@ def write_index() -> str:
         "`verify`, `predict` and the watch name a fault by an id. It never changes its meaning.",
         "",
         "- **Do** changes something; each command has its place. A finding that is only inferred has no Do.",
-        "- **Look** is for what Do does not help. It changes nothing.",
-        "- **Seen** says what shows the fault, and what it costs to conclude it. Of two faults that explain the same, the cheaper one is named.",
-        "- **In the lab** has what made the fault in a lab of containers, where this finding was the first one.",
+        "- **Look** is for a fault that stays after Do. It changes nothing.",
+        "- **Seen** names the evidence, and the cost of a conclusion without it. Of two faults that explain the same, the cheaper one is named.",
+        "- **In the lab** has the command that made the fault in a lab of containers, in which this finding was the first one.",
         "",
         "`ansible-playbook rosfleet.multimaster.report -e bundle=bundle.zip -e explain=2` says why the second finding of a bundle was made.",
         "",

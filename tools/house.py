@@ -7,9 +7,9 @@
 
 The figures, and how they are counted:
 
-rooms        A tree's folders; the files beside them are one room. In a tree without folders each file is a room. A file of an
+rooms        A tree's folders; the files next to them are one room. In a tree without folders each file is a room. A file of an
              optional feature is of the room that the page of the tree says.
-arrows       Pairs of rooms of a tree where one imports the other.
+arrows       Pairs of rooms of a tree of which one imports the other.
 floors       The number of rooms on the longest way along the arrows; a circle of imports is an error.
 functions    Functions and methods, also nested ones. Lines run from `def` to the last one. Complexity is McCabe's: 1, and 1
              more for each if, loop, else of a loop, except, assert, conditional expression, part of a comprehension,
@@ -68,7 +68,7 @@ class Picture(NamedTuple):
 
     @property
     def floors(self) -> int:
-        """The number of rooms on the longest way along the arrows; raises ValueError where they run in a circle."""
+        """The number of rooms on the longest way along the arrows; raises ValueError if they run in a circle."""
         below: dict[str, set[str]] = {room: set() for room in self.rooms}
         for room, imported in self.arrows:
             below[room].add(imported)
@@ -121,7 +121,7 @@ def _feature_files(page: Path) -> dict[str, str]:
 
 
 def _names(path: Path) -> bool:
-    """True where a file has more than a docstring."""
+    """True if a file has more than a docstring."""
     return any(not isinstance(node, ast.Expr) for node in _tree(path).body)
 
 
@@ -144,7 +144,7 @@ def _imports(path: Path, root: Path, tree: str) -> Iterator[tuple[str, ...]]:
 
 
 class Counts(NamedTuple):
-    """What is counted file by file."""
+    """The figures that are counted file by file."""
 
     functions: int = 0
     long: int = 0
@@ -210,7 +210,7 @@ def _branches(node: ast.AST) -> int:
 
 
 def type_comments(text: str) -> int:
-    """The comments that begin with `# type:`, but for those that tell a checker to ignore a line."""
+    """The comments that begin with `# type:`, but for those that ask a checker to ignore a line."""
     comments = (
         token.string for token in tokenize.generate_tokens(io.StringIO(text).readline) if token.type == tokenize.COMMENT
     )

@@ -4,7 +4,7 @@
 #
 # Writes requirements-lab.txt, requirements-dev.txt, requirements-quick.txt and tests/interop/needs.txt out of the files .in: every package that is
 # needed, with the hashes of all its files, so for every machine and Python from 3.11 on, or 3.10 for 'make quick'. Versions that are in it already
-# stay, unless 'make lock UPGRADE=yes'. What two of them have, both have in one version.
+# stay, unless 'make lock UPGRADE=yes'. A package of two of them has one version in both.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -30,7 +30,7 @@ lock() { # NAME [OPTION...]
 lock requirements-dev
 lock requirements-lab --constraint requirements-dev.txt
 lock tests/interop/needs --constraint requirements-dev.txt
-# Python 3.10 needs older versions of some. So those of the tests are preferred, as what stands in the file already, and are no constraint.
+# Python 3.10 needs older versions of some. So those of the tests are preferred, as those in the file, and are no constraint.
 cp requirements-dev.txt requirements-quick.txt
 options=("${options[@]/3.11/3.10}")
 upgrade=()

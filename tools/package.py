@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Builds the collection out of the files that git has, so that nothing else that lies in the folder is shipped.
+"""Builds the collection out of the files that git has, so that nothing else in the folder is shipped.
 
 python tools/package.py FOLDER     writes the archive into the folder
 

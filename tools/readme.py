@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Write the tables of what was measured into the pages.
+"""Write the tables of measurements into the pages.
 
 With `--check` nothing is written; a table that is not the generated one is an error.
 """

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / ".work" / "sanity"
 COPY = WORK / "ansible_collections" / "rosfleet" / "multimaster"
 INTERPRETERS = ("2.7", *(f"3.{number}" for number in range(6, 14)))  # of robots and controllers, for any line
-OF_2_20 = "3.12"  # what ansible-core needs since then; before, it runs on the Python of the tests' tools
+OF_2_20 = "3.12"  # the Python that ansible-core needs since then; before, it runs on the Python of the tests' tools
 
 # ansible-test fetches a script that puts pip into the virtual environments of its tests. Python brings a pip of its own:
 # this stands in for the script, so that nothing but packages is fetched.
@@ -63,7 +63,7 @@ def install(line: str, folder: Path) -> Path:
 
 
 def stand_in_for_get_pip(programs: Path) -> None:
-    """Put the stand-in where ansible-test keeps its download, unless that is there."""
+    """Put the stand-in in the place of ansible-test's download, unless that is there."""
     requirements = next(
         programs.parent.glob("lib/python3*/site-packages/ansible_test/_internal/python_requirements.py")
     )
@@ -77,7 +77,7 @@ def stand_in_for_get_pip(programs: Path) -> None:
 
 
 def interpreters() -> Path:
-    """A folder for PATH with pyenv's interpreters under their plain names; its shims refuse what is not selected."""
+    """A folder for PATH with pyenv's interpreters under their plain names; its shims refuse versions that are not selected."""
     folder = WORK / "bin"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

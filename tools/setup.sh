@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 #
-# Puts in place what the lab needs, or what the tests ("tests") or virtual machines ("vm") need, too: Debian packages where they are missing, a virtual
+# Puts all in place that the lab needs, or that the tests ("tests") or virtual machines ("vm") need, too: Debian packages if they are missing, a virtual
 # environment in .work/venv, the path under which Ansible finds this checkout as the collection, and one limit of the kernel
 # until the next boot. Does nothing, quickly, when all is there. "quick" is for any user of any Linux: Python packages in .work/quick, and that path.
 #
@@ -13,7 +13,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 for_lab=(
   podman netavark iptables runc conmon openssh-client     # the containers, and the way into them
   mmdebstrap zstd                                         # their images
-  python3-venv                                            # where python3 is Debian's
+  python3-venv                                            # if python3 is Debian's
 )
 for_tests=(
   git rsync shellcheck nftables
@@ -22,7 +22,7 @@ for_tests=(
 )
 for_vm=(qemu-system-x86 qemu-utils ipxe-qemu seabios)    # virtual machines
 
-# A system with somebody logged in holds about a dozen; kernels allow a user 128, which thirteen systems exceed.
+# A system with a user logged in holds about a dozen; kernels allow a user 128, which thirteen systems exceed.
 instances=fs.inotify.max_user_instances
 instances_wanted=1024
 
@@ -45,7 +45,7 @@ raise_limit() {
   local file=/proc/sys/${instances//.//}
   [[ $(<"$file") -lt $instances_wanted ]] || return 0
   say "raising $instances from $(<"$file") to $instances_wanted until the next boot ..."
-  # Without it small labs still work, and a large one says what is missing.
+  # Without it small labs still work, and a large one names the missing limit.
   as_root tee "$file" >/dev/null <<<"$instances_wanted" || say "it stays at $(<"$file")"
 }
 
@@ -80,12 +80,12 @@ make_main_venv() {
 install_tools() { # FOLDER NAME OF THE REQUIREMENTS
   [[ ! -e $1/$2 ]] || return 0
   say "installing the packages of $2.txt into $1 ..."
-  # Python compiles what is used at its first use; all of it would take longer than to fetch it.
+  # Python compiles modules at their first use; all of it would take longer than to fetch it.
   "$1/bin/python" -m pip install -qq --disable-pip-version-check --no-compile --require-hashes --requirement "$2.txt"
   touch "$1/$2"
 }
 
-# What looks at metrics, of Debian's package prometheus without its server. Without it one test is left out.
+# The program that looks at metrics, of Debian's package prometheus without its server. Without it one test is left out.
 get_promtool() {
   [[ ! -x .work/bin/promtool ]] && command -v dpkg-deb >/dev/null || return 0
   local folder

@@ -5,8 +5,8 @@
 
     python tools/test.py [GROUP | GROUP:NAME | check | quick]...
 
-Suites run side by side as far as the processors allow. Each writes a log into .work/test. The screen shows what begins
-and what ends, and once a minute what is still running. A failure stops no other suite. The last lines name each failed
+Suites run side by side as far as the processors allow. Each writes a log into .work/test. The screen shows the beginnings
+and the ends, and once a minute the suites that still run. A failure stops no other suite. The last lines name each failed
 test and its log.
 
 A test is: a test case of pytest, a sanity test of ansible-test (one per interpreter), a Molecule scenario, a tool of the
@@ -34,7 +34,7 @@ BIN = Path(sys.executable).parent
 REPORTS = ROOT / ".work" / "test"
 
 CORES = float(max(2, os.cpu_count() or 1))
-HEARTBEAT = 60.0  # seconds between two lines about what is still running
+HEARTBEAT = 60.0  # seconds between two lines about the suites that still run
 LIMIT = 1800.0  # seconds that a suite may take, also on a busy machine
 LONG_LIMIT = 6 * 3600.0
 REMOVAL = 300.0  # seconds for removing a lab
@@ -73,11 +73,11 @@ class Suite:
 
     @property
     def report(self) -> Path:
-        """The JUnit file, where the command writes one."""
+        """The JUnit file, if the command writes one."""
         return self.log.with_suffix(".xml")
 
 
-# How the commands tell what failed
+# How the commands report failures
 
 
 def judge_status(suite: Suite, status: int, _output: str) -> Outcome:
@@ -97,11 +97,11 @@ def judge_sanity(suite: Suite, status: int, output: str) -> Outcome:
 
 def faults(suite: Suite, status: int, output: str) -> Outcome:
     """The catalogue of faults names those that were not as expected; each fault is a test."""
-    told = re.search(r"^(\d+) of (\d+) named first(?:; not: (.+))?$", output, re.MULTILINE)
-    if told is None:
+    counts = re.search(r"^(\d+) of (\d+) named first(?:; not: (.+))?$", output, re.MULTILINE)
+    if counts is None:
         return Outcome(0, (suite.label,))
-    named = tuple(f"{suite.label} {name}" for name in (told[3] or "").split(", ") if name)
-    return Outcome(int(told[1]), named or ((suite.label,) if status else ()))
+    named = tuple(f"{suite.label} {name}" for name in (counts[3] or "").split(", ") if name)
+    return Outcome(int(counts[1]), named or ((suite.label,) if status else ()))
 
 
 def judge_pytest(suite: Suite, status: int, _output: str) -> Outcome:
@@ -153,7 +153,7 @@ def cases(
     return Suite(group, name, command, judge_pytest, cores, seconds, labs, limit)
 
 
-#: Molecule scenarios and files of tests/systems: about how long each takes beside others, in seconds. One that is not here is short.
+#: Molecule scenarios and files of tests/systems: about how long each takes with others, in seconds. One that is not here is short.
 SECONDS = {
     "multi_computer": 300,
     "default": 185,
@@ -206,13 +206,13 @@ QUICK_UNIT = (f"--numprocesses={int(CORES)}", "tests/unit")
 #: About how many processors the unit tests keep busy: many of them wait, so one more runs than there are processors.
 UNIT_CORES = 1.0
 
-#: Tests that assert times of tenths of a second: nothing runs beside them.
+#: Tests that assert times of tenths of a second: nothing else runs meanwhile.
 TIMED = {"alone", "links", "data_flow"}
 
 #: Files of tests/systems and Molecule scenarios that are part of 'make test-long', since they take minutes. The demonstration
 #: of the multi-computer layout shows the same fleet in every run, but for its restart, its teardown, and a master on an inner
-#: computer; an existing roscore is also one of `data_flow`. `removal` tests the lab alone. What a clock that steps does to the
-#: nodes, and what `routes` writes for each network manager, is also tested by unit tests; each manager boots in `alone`.
+#: computer; an existing roscore is also one of `data_flow`. `removal` tests only the lab. The effect of a clock that steps on the
+#: nodes, and the files of `routes` for each network manager, are also tested by unit tests; each manager boots in `alone`.
 COSTLY = {
     *(
         "relay",
@@ -385,21 +385,21 @@ SUITES = [
     ),
 ]
 
-#: Groups that run only when they are named: they take hours, need what the project does not have, or are part of others.
+#: Groups that run only when they are named: they take hours, need things that the project does not have, or are part of others.
 ON_REQUEST = {"faults", "interop", "long", "machines", "quick"}
 
-#: What one runs before every commit: files, types, most unit tests, and one pair of robots from nothing to messages.
+#: The suites for every commit: files, types, most unit tests, and one pair of robots from nothing to messages.
 CHECK = ("lint", "unit:quick", "long:single_computer")
 
-#: What everybody can run, with the few packages of requirements-quick.txt.
+#: The suites that everybody can run, with the few packages of requirements-quick.txt.
 ANYWHERE = ("ruff check", "ruff format", "yamllint", "reuse", "mypy", "vermin 3.6", "vermin 3.8", "vermin 3.10")
 
-#: Words that stand for several suites.
+#: Words that name several suites.
 WORDS = {"check": CHECK, "quick": ("quick:unit", *(f"lint:{name}" for name in ANYWHERE))}
 
 
 def choose_suites(words: Sequence[str]) -> list[Suite]:
-    """The suites that are named, those that end early first; all but those on request, where none is named."""
+    """The suites that are named, those that end early first; all but those on request, if none is named."""
     names = [name for word in words for name in WORDS.get(word, (word,))]
     known = {suite.group for suite in SUITES} | {suite.label for suite in SUITES}
     unknown = [name for name in names if name not in known]
@@ -412,7 +412,7 @@ def choose_suites(words: Sequence[str]) -> list[Suite]:
         for suite in SUITES
         if (suite.group in names or suite.label in names if names else suite.group not in ON_REQUEST)
     ]
-    # Mistakes in files show at once; then the longest first, or one of them would be the last and alone.
+    # Mistakes in files show at once; then the longest first, or one of them would be the last and the only one.
     early = {"lint": 0, "quick": 0, "unit": 1}
     return sorted(found, key=lambda suite: (early.get(suite.group, 2), suite.cores == CORES, -suite.seconds))
 
@@ -421,7 +421,7 @@ def choose_suites(words: Sequence[str]) -> list[Suite]:
 
 
 class Runner:
-    """Runs suites side by side, and says what begins and what ends."""
+    """Runs suites side by side, and reports beginnings and ends."""
 
     def __init__(self, suites: Sequence[Suite]) -> None:
         self.waiting = list(suites)
@@ -446,7 +446,7 @@ class Runner:
             except BaseException:
                 self._stopped = True
                 for number in (signal.SIGTERM, signal.SIGINT):
-                    signal.signal(number, lambda *_about: None)  # it ends already, and what it made is removed first
+                    signal.signal(number, lambda *_about: None)  # it ends already, and its files are removed first
                 for process in list(self._processes):
                     _kill(process)
                 raise
@@ -461,7 +461,7 @@ class Runner:
         return ", ".join(f"{suite.label} ({now - began:.0f} s)" for suite, began in self._running.values())
 
     def _begin(self, pool: ThreadPoolExecutor) -> None:
-        """Start what fits beside what is running, and has no lab of it: two of one name would remove each other's."""
+        """Start the suites that fit with the running ones, and have no lab of theirs: two of one name would remove each other's."""
         free = CORES - sum(suite.cores for suite, _began in self._running.values())
         labs = {lab for suite, _began in self._running.values() for lab in suite.labs}
         for suite in list(self.waiting):
@@ -552,7 +552,7 @@ def take_down(labs: Iterable[str]) -> list[str]:
     for lab in labs:
         command = (sys.executable, "lab/lab.py", "down", "--name", lab)
         try:
-            # In a session of its own: what ends this program by Ctrl+C does not break the removal off.
+            # In a session of its own: a Ctrl+C that ends this program does not break the removal off.
             subprocess.run(
                 command, cwd=ROOT, check=True, stdout=subprocess.DEVNULL, timeout=REMOVAL, start_new_session=True
             )
@@ -584,7 +584,7 @@ def main() -> int:
 
 
 def summary(outcomes: Mapping[Suite, Outcome]) -> tuple[int, int]:
-    """Print what failed and where its log is, then the counts; return these."""
+    """Print the failures and their logs, then the counts; return these."""
     failed = [(suite, name) for suite, outcome in outcomes.items() for name in outcome.failed]
     passed = sum(outcome.passed for outcome in outcomes.values())
     for suite, name in failed:

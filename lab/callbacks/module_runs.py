@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Counts the module runs of each host and what they changed, into the JSON file of MODULE_RUNS_FILE."""
+"""Counts the module runs of each host and their changes, into the JSON file of MODULE_RUNS_FILE."""
 
 import collections
 import json

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Writes what Ansible knows of a host at the end of a playbook into the JSON file of VARIABLES_SEEN_FILE."""
+"""Writes the variables of a host at the end of a playbook into the JSON file of VARIABLES_SEEN_FILE."""
 
 import json
 import os

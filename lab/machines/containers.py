@@ -5,7 +5,7 @@
 
 The networks have no address management and no way out; every container configures its own interfaces with its network
 manager, as a robot does. So labs with the same addresses can be up side by side, and a restart of a container is a cold
-boot. All names begin with a few characters that stand for this checkout: labs of two checkouts are never mixed up.
+boot. All names begin with a few characters that identify this checkout: labs of two checkouts are never mixed up.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _socket_folder(lab: str, host: str) -> Path:
 
 
 def _owner_options(lab: str) -> tuple[str, str]:
-    """The options for what belongs to a lab."""
+    """The options for the things of a lab."""
     return f"--label={label(lab)}", f"--label={OWNER}={CHECKOUT}"
 
 
@@ -136,7 +136,7 @@ def _remove(containers: Sequence[str], networks: Sequence[str]) -> None:
 
 
 def _limit(systems: int) -> None:
-    """Refuse what would hang at boot: a system that gets no inotify instance waits for ever."""
+    """Refuse a lab that would hang at boot: a system that gets no inotify instance waits for ever."""
     allowed = int(Path("/proc/sys/fs/inotify/max_user_instances").read_text())
     if systems * INSTANCES > allowed:
         raise LabError(
@@ -146,7 +146,7 @@ def _limit(systems: int) -> None:
 
 
 def bring_up(lab: str, hosts: Sequence[Host], *, full: bool = True) -> None:
-    """Bring a lab to these computers. Those that are there with the same inputs stay as they are; what is not wanted goes.
+    """Bring a lab to these computers. Those that are there with the same inputs stay as they are; others go.
 
     `full`: they have all packages of image.py.
     """
@@ -222,7 +222,7 @@ def take_down(lab: str | None) -> None:
 
 @contextlib.contextmanager
 def remove_at_end(lab: str) -> Iterator[None]:
-    """Remove a lab before the block and after it, also where a signal ends this program: make a lab inside the block."""
+    """Remove a lab before the block and after it, also if a signal ends this program: make a lab inside the block."""
     with exit_on_signals():
         try:
             try:

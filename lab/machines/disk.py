@@ -84,7 +84,7 @@ class Disk:
 
 
 def ensure(suite: str) -> Path:
-    """Build the disk where it is missing; return its folder."""
+    """Build the disk if it is missing; return its folder."""
     disk = Disk(suite)
     disk.recipe()
     if os.geteuid() != 0:

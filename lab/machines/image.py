@@ -3,8 +3,8 @@
 
 """The images of a robot's computer: Debian with systemd, ssh and ROS 1, as Debian packages it.
 
-There are two of each release. A demonstration needs "robot" alone. "full" is a layer on top of it: more network managers,
-packet filters, and what the tests inject faults with.
+There are two of each release. A demonstration needs only "robot". "full" is a layer on top of it: more network managers,
+packet filters, and the tools by which tests inject faults.
 
 Built once per recipe; the archive stays in the user's cache, so that another checkout or an emptied podman needs seconds.
 Each checkout has names of its own for the images that it uses. So podman itself knows when the last checkout has left one.
@@ -63,14 +63,14 @@ ROBOT_HOOKS = [
 ]
 FULL_HOOKS = [
     ': > "$1"/etc/cloud/cloud-init.disabled',
-    # What a kernel has for tunnels, on a computer that is no container.
+    # The support of a kernel for tunnels, on a computer that is no container.
     'echo "c! /dev/net/tun 0600 root root - 10:200" > "$1"/etc/tmpfiles.d/lab-tunnel.conf',
 ]
 HOOKS = [
     "rm -rf " + " ".join(f'"$1"{path}' for path in EXCLUDED),
     # Empty, not missing: each container gets an id of its own, and no boot is a "first boot" that would preset units.
     ': > "$1"/etc/machine-id',
-    # Installed for who wants them. (ufw is not active until it is told; its unit starts nothing before that.)
+    # Installed for who wants them. (ufw is not active until it is enabled; its unit starts nothing before that.)
     "for unit in firewalld frr smcroute smcroute-helper; do "
     'if [ -e "$1/usr/lib/systemd/system/$unit.service" ]; then systemctl --root="$1" --quiet disable $unit.service; fi; '
     "done",
@@ -200,7 +200,7 @@ def _link(checkout: str) -> Path:
 
 
 def _make(wanted: Image) -> None:
-    """Build and import an image where it is missing, after its base."""
+    """Build and import an image if it is missing, after its base."""
     tags = _tags()
     if wanted.tag in tags:
         return
@@ -217,7 +217,7 @@ def _make(wanted: Image) -> None:
 
 
 def ensure(suite: str = SUITE, *, full: bool = True) -> str:
-    """Build and import the image where it is missing; return its name."""
+    """Build and import the image if it is missing; return its name."""
     wanted = Image(suite, full)
     with hold_alone():
         link = _link(CHECKOUT)

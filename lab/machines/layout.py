@@ -5,7 +5,7 @@
 
 Only addresses and networks are read: a computer gets one interface in each network that contains one of its addresses,
 the common network first. The computers of the robots and the router have no route but that to the router of the common
-network: the routes between the robots are what the collection makes.
+network: the collection makes the routes between the robots.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def read_inventory(inventory: Path) -> dict[str, Any]:
     """Read an inventory as Ansible does."""
     if not inventory.exists():
         raise LabError(f"The inventory {inventory} does not exist.")
-    beside = Path(sys.executable).with_name("ansible-inventory")
-    program = str(beside) if beside.exists() else shutil.which("ansible-inventory")
+    neighbour = Path(sys.executable).with_name("ansible-inventory")
+    program = str(neighbour) if neighbour.exists() else shutil.which("ansible-inventory")
     if not program:
         raise LabError("ansible-inventory was not found: run 'make lab' and use .work/venv/bin/python.")
     done = subprocess.run(
@@ -146,7 +146,7 @@ def wants_packages(variables: Iterable[Mapping[str, Any]]) -> bool:
 
 
 def _carry(variables: Mapping[str, Any], robots: Sequence[str]) -> Mapping[str, Any]:
-    """The variables as the network below has it, where the common network is the tunnel: who has no endpoint gets a free address there."""
+    """The variables as the network below has it, if the common network is the tunnel: who has no endpoint gets a free address there."""
     inside = [name for name in robots if variables[name].get("multimaster_gateway", name) == name]
     ends = {
         name: variables[name]["multimaster_endpoint"] for name in inside if "multimaster_endpoint" in variables[name]
@@ -167,7 +167,7 @@ def _carry(variables: Mapping[str, Any], robots: Sequence[str]) -> Mapping[str, 
 
 
 def hosts_of(listing: Mapping[str, Any], extras: Mapping[str, Extra] | None = None) -> list[Host]:
-    """The computers of the groups `robots` and `routers`, and what is extra: a host of its own, or more for one of these."""
+    """The computers of the groups `robots` and `routers`, and the extra ones: a host of its own, or more for one of these."""
     extras = extras or {}
     robots = list(dict.fromkeys(_hosts_below(listing, "robots")))
     variables = _carry(listing["_meta"]["hostvars"], robots)

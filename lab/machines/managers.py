@@ -73,11 +73,11 @@ def _netplan(ports: Sequence[Interface]) -> Files:
 
 @dataclass(frozen=True)
 class Manager:
-    """A network manager: what it reads, and the units that run only where it does."""
+    """A network manager: its files, and the units that run only with it."""
 
     files: Callable[[Sequence[Interface]], Files]
     units: tuple[str, ...] = ()
-    full: bool = False  # it is in the full image alone
+    full: bool = False  # it is only in the full image
 
 
 _NETWORKD_UNITS = ("systemd-networkd.service", "systemd-networkd.socket", "systemd-networkd-wait-online.service")

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How much memory a lab takes: what the processes of its containers hold (anonymous memory, no page cache), every second.
+"""How much memory a lab takes: the sum of the processes of its containers (anonymous memory, no page cache), every second.
 
 The kernel accounts it per container; it is read in the file memory.stat of each container's control group.
 """
@@ -35,7 +35,7 @@ def _field(file: Path, field: str) -> int:
 
 
 class Peak:
-    """The most that a lab held between the beginning and the end of the block, in bytes; 0 where nobody accounts it."""
+    """The most that a lab held between the beginning and the end of the block, in bytes; 0 if nobody accounts it."""
 
     def __init__(self, lab: str) -> None:
         self.bytes = 0

@@ -27,7 +27,7 @@ from machines.signals import defer_signals
 ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / ".work" / "lab"
 LOCK = WORK / ".lock"  # of the files that all labs of this checkout have in common
-CHECKOUT = hashlib.sha256(str(ROOT).encode()).hexdigest()[:4]  # stands for this checkout in names
+CHECKOUT = hashlib.sha256(str(ROOT).encode()).hexdigest()[:4]  # identifies this checkout in names
 
 
 class LabError(Exception):
@@ -35,7 +35,7 @@ class LabError(Exception):
 
 
 def _limit(kind: int, soft: int, hard: int) -> str:
-    """What an ordinary machine has, as far as this one allows it: `soft:hard`."""
+    """The limits of an ordinary machine, as far as this one allows them: `soft:hard`."""
     allowed = resource.getrlimit(kind)[1]
     if allowed != resource.RLIM_INFINITY:
         soft, hard = min(soft, allowed), min(hard, allowed)
@@ -77,10 +77,10 @@ def environment() -> dict[str, str]:
 
 
 def podman(*words: str, stdin: bytes | None = None, check: bool = True, timeout: float = 300) -> str:
-    """Run one podman command and return what it printed; raise LabError when it fails, unless check is off."""
+    """Run one podman command and return its output; raise LabError when it fails, unless check is off."""
     if not shutil.which("podman"):
         raise LabError("podman is not installed: run 'make lab'.")
-    # A command that is killed leaves what the next one stumbles over: half a container, a network without its file.
+    # A command that is killed leaves remains over which the next one stumbles: half a container, a network without its file.
     # So no signal reaches it, also none to the whole group of processes, as of Ctrl+C.
     apart = words[0] != "exec"
     whole = defer_signals() if apart else contextlib.nullcontext()

@@ -17,7 +17,7 @@ from machines.managers import list_masked_units
 from machines.podman import LOCK, WORK, hold
 
 FILES = Path(__file__).parents[1] / "files"
-UNITS = ("lab-ssh.socket", "lab-ssh@.service")  # of containers alone
+UNITS = ("lab-ssh.socket", "lab-ssh@.service")  # only of containers
 OPERATOR = (1000, 37)  # a person's account: its user and group, the group being Debian's own "operator"
 # Who keeps secrets in a file insists that nobody else reads it.
 PRIVATE = ("root/.ssh/", "home/operator/.ssh/", "etc/NetworkManager/system-connections/", "etc/netplan/")

@@ -18,9 +18,9 @@ ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 @contextlib.contextmanager
 def defer_signals() -> Iterator[None]:
-    """Signals that come within the block count after it. What is done there must end within a time by itself.
+    """Signals that come within the block count after it. Work there must end within a time by itself.
 
-    Python takes signals in the main thread alone, so in another thread there is nothing to do.
+    Python takes signals only in the main thread, so in another thread there is nothing to do.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -39,7 +39,7 @@ def defer_signals() -> Iterator[None]:
 
 
 def _ignore(_number: int, _frame: FrameType | None) -> None:
-    """The program is about to end. (What is ignored would be ignored by the commands that it starts as well.)"""
+    """The program is about to end. (The commands that it starts would inherit an ignored signal.)"""
 
 
 @contextlib.contextmanager

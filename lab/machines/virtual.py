@@ -42,7 +42,7 @@ MACHINE = f"""
 -device virtio-rng-pci
 """.split()
 
-# A shell on a console, whatever the network and its filters are; and patience, where the machine is slow.
+# A shell on a console, whatever the network and its filters are; and patience, if the machine is slow.
 UNIT = """[Unit]
 Description=Shell for the lab
 
@@ -179,13 +179,13 @@ def _check_name(lab: str, host: str) -> None:
 
 
 def run(lab: str, host: str, command: str, *, timeout: float = 120, check: bool = True) -> str:
-    """Run a shell command as root on a machine, over its console; return what it printed, errors included."""
+    """Run a shell command as root on a machine, over its console; return its output, errors included."""
     _check_name(lab, host)
     mark = secrets.token_hex(8)
     script = base64.b64encode(command.encode()).decode()
     inner = f'timeout -k 5 {timeout:.0f} bash -lc "$(echo {script} | base64 -d)" </dev/null 2>&1 | cat'
     line = f'printf "\\n%s\\n" {mark}; {inner}; printf "\\n%s %s\\n" {mark} ${{PIPESTATUS[0]}}\n'
-    # Before it there may be what is left of an earlier command, and an echo of this one.
+    # Before it there may be remains of an earlier command, and an echo of this one.
     got, whole = b"", re.compile(rf"(?s).*\n{mark}\r?\n(.*)\n{mark} ([0-9]+)\r?\n$".encode())
     with socket.socket(socket.AF_UNIX) as connection:
         connection.settimeout(timeout + 20)
@@ -257,7 +257,7 @@ def reboot(lab: str, host: str) -> None:
 
 
 def cut_power(lab: str, host: str) -> None:
-    """Switch a machine off and on in one moment, as when its power is cut: what the kernel has not written is lost. Wait for its boot."""
+    """Switch a machine off and on in one moment, as when its power is cut: data that the kernel has not written is lost. Wait for its boot."""
     read = "cat /proc/sys/kernel/random/boot_id"
     before = run(lab, host, read)
     _ask(lab, host, "system_reset")
@@ -309,7 +309,7 @@ def take_down(lab: str) -> None:
 
 @contextlib.contextmanager
 def remove_at_end(lab: str) -> Iterator[None]:
-    """Remove a lab after the block, also where a signal ends this program: make a lab inside the block."""
+    """Remove a lab after the block, also if a signal ends this program: make a lab inside the block."""
     with exit_on_signals():
         try:
             yield

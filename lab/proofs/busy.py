@@ -3,7 +3,7 @@
 
 """How much longer something takes because the machine is busy with other things.
 
-Limits in tests are those of a machine that has time. Beside other work, a computation takes longer than its processor
+Limits in tests are those of a machine that has time. With other work, a computation takes longer than its processor
 time. A thread compares the two all the while, and a limit becomes longer by what this makes of some work. On a machine that
 has time, limits stay as they are.
 """
@@ -15,8 +15,8 @@ import time
 
 PERIOD = 0.25  # seconds between two samples
 WORK = 0.02  # seconds of processor time of a sample
-WITHIN_A_LIMIT = 1.5  # seconds of processor time within what a limit is for; the rest of it is waiting
-TOLD = 0.1  # seconds that are worth a line: a demonstration has its limits, too
+WITHIN_A_LIMIT = 1.5  # seconds of processor time within the work of a limit; the rest of it is waiting
+REPORTED = 0.1  # seconds that are worth a line: a demonstration has its limits, too
 MOST = 5.0  # seconds by which a limit is longer at most
 
 
@@ -48,6 +48,6 @@ class Busy:
         samples = [slowness for at, slowness in self._samples if at >= since]
         slowness = sum(samples) / len(samples) if samples else 1.0
         more = min(max(0.0, slowness - 1.0) * WITHIN_A_LIMIT, MOST)
-        if more >= TOLD:
+        if more >= REPORTED:
             print(f"limits are {more:.2f} s longer: the machine took {slowness:.1f} times as long as when it has time")
         return more

@@ -30,7 +30,7 @@ class Matrix:
     names: tuple[str, ...]
     topic: frozenset[tuple[str, str]]
     service: frozenset[tuple[str, str]]
-    lacks: tuple[str, ...] = ()  # what was missing of a topic, in words
+    lacks: tuple[str, ...] = ()  # the missing stages of a topic, in words
 
     @property
     def pairs(self) -> int:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What section 3.3 of the report tries by hand, between every pair of robots, as a person by ssh.
+"""The tests that section 3.3 of the report makes by hand, between every pair of robots, as a person by ssh.
 
 All nodes are ordinary ones (rostopic, rosservice, rospy, actionlib): nothing of them knows the collection.
 """
@@ -42,7 +42,7 @@ class Computer:
         return self.name.replace("-", "_")
 
     def run(self, command: str, script: pathlib.Path | None = None, seconds: float = 45) -> str:
-        """Run a command by ssh, with a file as its input, and return what it printed; '' where it failed."""
+        """Run a command by ssh, with a file as its input, and return its output; '' if it failed."""
         with contextlib.ExitStack() as stack:
             stdin = stack.enter_context(script.open("rb")) if script else subprocess.DEVNULL
             try:
@@ -63,7 +63,7 @@ class Computer:
     def start_program(self, command: str, script: pathlib.Path | None = None, seconds: int = 120) -> Iterator[TextIO]:
         """Run a command by ssh until the end of the block, at most so many seconds; it is ended by its own process id.
 
-        Yields what it prints.
+        Yields its output.
         """
         with contextlib.ExitStack() as stack:
             stdin = stack.enter_context(script.open("rb")) if script else subprocess.DEVNULL
@@ -82,7 +82,7 @@ class Computer:
                 self._end(process, pid)
 
     def _end(self, process: subprocess.Popen[str], pid: int) -> None:
-        """End what `running` started: as Ctrl+C does, and by force where a busy machine leaves it no time for that."""
+        """End the program that `running` started: as Ctrl+C does, and by force if a busy machine leaves it no time for that."""
         for end in (f"kill -INT {pid}", f"kill -KILL -- -{pid}"):  # timeout leads a process group of its own
             self.run(end)
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -105,7 +105,7 @@ class Result:
 def wait_for(
     look: Callable[[], str], wanted: Callable[[str], bool], seconds: float = PATIENCE, slack: Slack | None = None
 ) -> tuple[bool, str]:
-    """Look until it is as wanted; returns whether it was, and what was last seen. With `slack`, it is longer on a busy machine."""
+    """Look until it is as wanted; returns if it was, and the value that was last seen. With `slack`, it is longer on a busy machine."""
     began = time.monotonic()
     deadline = began + seconds
     while True:
@@ -119,12 +119,12 @@ def wait_for(
         time.sleep(0.2)
 
 
-def prove(computers: Sequence[Computer], tell: Callable[[str], None]) -> list[Result]:
+def prove(computers: Sequence[Computer], report: Callable[[str], None]) -> list[Result]:
     """Everything of section 3.3, from each computer to each other."""
 
     def pair(both: tuple[Computer, Computer]) -> list[Result]:
         here, there = both
-        tell(f"{here.name} -> {there.name}: topic, connection, service, action, parameter, end of a publisher")
+        report(f"{here.name} -> {there.name}: topic, connection, service, action, parameter, end of a publisher")
         return list(_pair(here, there, busy.slack))
 
     with Busy() as busy, ThreadPoolExecutor(max_workers=AT_ONCE) as pool:
@@ -190,7 +190,7 @@ def _run_and_find(computer: Computer, command: str, part: str) -> tuple[bool, st
 
 
 def table(results: Sequence[Result]) -> str:
-    """The results as text: one line each, what was found where it was not as it should be."""
+    """The results as text: one line each, the found value if it was not the expected one."""
     width = max(len(result.what) for result in results)
     return "\n".join(
         f"  {'ok    ' if result.ok else 'FAILED'}  {result.what:<{width}}  {result.whom}"

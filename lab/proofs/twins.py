@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Robots of one kind, told apart at a station: by rostopic, rosservice, actionlib and tf2, which know nothing of it.
+"""Robots of one kind, distinguished at a station: by rostopic, rosservice, actionlib and tf2, which know nothing of it.
 
 Each robot runs the same program (lab/nodes/programs/twin_robot.py).
 """
@@ -16,8 +16,8 @@ TREE = NODES / "programs/tree.py"
 CLIENT = NODES / "programs/action_client.py"
 
 
-def tell_apart(robots: Mapping[str, Computer], station: Computer) -> Iterator[Result]:
-    """Yield what the station has of each robot (namespace -> its computer), whose programs run."""
+def distinguish_twins(robots: Mapping[str, Computer], station: Computer) -> Iterator[Result]:
+    """Yield the results at the station for each robot (namespace -> its computer), whose programs run."""
     for robot, computer in robots.items():
         whom = f"{computer.name} -> {station.name}"
         ok, seen = wait_for(

@@ -162,7 +162,7 @@ def cast_faults(names: Iterable[str], cast: Cast, folder: Path = FOLDER) -> list
 
 def _describe_part(part: str) -> str:
     if part.startswith("kobuki"):
-        return "a robot beside those with a gateway"
+        return "a robot besides those with a gateway"
     return (
         f"{'an inner computer of ' if part.endswith('-arm') else ''}a robot with a network of its own behind a gateway"
     )
@@ -198,7 +198,7 @@ def _recast(fault: Fault, cast: Cast) -> Fault:
 
 
 def judge_report(fault: Fault, document: Mapping[str, Any]) -> tuple[bool, str]:
-    """Say whether a report names the part of a fault first, and what it names."""
+    """Return if a report names the component of a fault first, and the one that it names."""
     named = judge.named(document)
     verdict = judge.verdict(fault, named)
     return verdict == judge.FIRST, f"{verdict}: {named.text}"

@@ -22,7 +22,7 @@ from machines.layout import plain_environment, read_inventory
 from machines.podman import ROOT, LabError
 
 ENCRYPTED = b"$ANSIBLE_VAULT"
-BESIDE = ("group_vars", "host_vars")  # what Ansible reads beside an inventory that is a file
+VARIABLE_FOLDERS = ("group_vars", "host_vars")  # that Ansible reads next to an inventory that is a file
 NOT_READ = {".git", ".work", ".venv", "__pycache__"}
 PLAY = Path(__file__).parents[1] / "plays" / "read_inventory.yml"
 SECONDS = 300.0
@@ -32,8 +32,8 @@ SECONDS = 300.0
 class Inventory:
     """An inventory as it was read."""
 
-    listing: dict[str, Any]  # what `ansible-inventory --list` prints: names and values, templates as they stand there
-    values: dict[str, Any]  # what the robots need, computed (plays/action_plugins/fleet_values.py), or `problems`
+    listing: dict[str, Any]  # the output of `ansible-inventory --list`: names and values, templates as they are
+    values: dict[str, Any]  # the values of the robots, computed (plays/action_plugins/fleet_values.py), or `problems`
     encrypted: tuple[str, ...]  # files that were left aside
 
 
@@ -60,7 +60,7 @@ def read(inventory: Path, work: Path, options: Iterable[str]) -> Inventory:
 def _link_files(inventory: Path, links: Path) -> Iterator[str]:
     """Make the folder of links; yields the encrypted files."""
     base = inventory if inventory.is_dir() else inventory.parent
-    tops = [inventory] if inventory.is_dir() else [inventory, *(base / name for name in BESIDE)]
+    tops = [inventory] if inventory.is_dir() else [inventory, *(base / name for name in VARIABLE_FOLDERS)]
     links.mkdir(parents=True)
     for path in (path for top in tops for path in _files(top)):
         name = path.relative_to(base)

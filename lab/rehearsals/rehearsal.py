@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 OURS, LAB = "multimaster_", "lab_"
-#: Variables beside those of the fleet that count: options of the roles, and of the lab.
+#: Variables besides those of the fleet that count: options of the roles, and of the lab.
 OPTIONS = (
     *("sysctl_on_conflict", "routes_on_conflict", "hosts_on_conflict"),
     *("sysctl_confirm_within", "routes_confirm_within", "firewall_confirm_within", "tunnel_confirm_within"),
@@ -41,12 +41,12 @@ def lab_of(name: str) -> str:
     return f"rehearse.{name}"
 
 
-# What is rehearsed
+# The rehearsed fleet
 
 
 @dataclass(frozen=True)
 class Stand_in:
-    """A value of a variable that containers cannot have, and what they have instead."""
+    """A value of a variable that containers cannot have, and the value that they have instead."""
 
     variable: str
     impossible: Callable[[Any], bool]
@@ -94,7 +94,7 @@ class SealedComputer:
 
 @dataclass(frozen=True)
 class Rehearsable:
-    """The inventory of a rehearsal, and what was changed in it."""
+    """The inventory of a rehearsal, and the changes in it."""
 
     inventory: dict[str, Any]
     notes: tuple[str, ...]
@@ -104,7 +104,7 @@ class Rehearsable:
 
 
 def make_rehearsable(values: Mapping[str, Any]) -> Rehearsable:
-    """Make the inventory of a rehearsal out of what the robots need."""
+    """Make the inventory of a rehearsal out of the values of the robots."""
     notes: list[str] = []
     variables = {host: _replace_impossible(host, given, notes) for host, given in values["variables"].items()}
 
@@ -179,7 +179,7 @@ def _list_sealed(values: Mapping[str, Any]) -> Iterator[tuple[str, SealedCompute
             yield name, SealedComputer(str(entry["address"] if isinstance(entry, Mapping) else entry), gateway)
 
 
-# What is left aside
+# Things that are left aside
 
 
 def list_unused(listing: Mapping[str, Any], hosts: Sequence[str], encrypted: Sequence[str]) -> list[str]:
@@ -205,14 +205,14 @@ def _hosts(some: Sequence[str], everybody: Sequence[str]) -> str:
     return ", ".join(some)
 
 
-# What clashes with this machine
+# Conflicts with this machine
 
 
 @dataclass(frozen=True)
 class Machine:
     """The machine that the rehearsal runs on."""
 
-    networks: tuple[tuple[Network, str], ...]  # what it has or reaches, and by what
+    networks: tuple[tuple[Network, str], ...]  # the network of an interface or a route, and its origin
     available: int  # MiB of memory
 
 

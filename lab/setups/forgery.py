@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Packets in the name of others, each 5 ms, while something happens to the computer that they are for."""
+"""Packets in a foreign name, each 5 ms, while something happens to the computer that they are for."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SECONDS = 120  # at most
 
 
 class Attack(NamedTuple):
-    """A computer on the network below that sends in the name of others, and one of the fleet that sends in its own."""
+    """A computer on the network below that sends in a foreign name, and one of the fleet that sends in its own."""
 
     stranger: str
     at: str  # the computer whose hardware address the packets have: the target, or the gateway to it; empty for that of all
@@ -26,7 +26,7 @@ class Attack(NamedTuple):
 
 
 def hear(lab, host: str) -> None:
-    """Start to write down what comes to a computer."""
+    """Start to write down the packets that come to a computer."""
     lab.start(host, HEARER, f"python3 {{script}} eth0 {PORT} {GROUP} {GROUP6}", "observers/hearer.py")
     lab.run(host, f"timeout 20 sh -c 'until grep -q listens /run/{HEARER}.out; do sleep 0.1; done'")
 

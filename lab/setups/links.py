@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Links that lose frames, and what a roscore and a subscriber see of it."""
+"""Links that lose frames, and their effects on a roscore and a subscriber."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-#: What is silent and changes nothing: no error for who sends, no interface that is down. (A frame that is dropped on its way
+#: Faults that are silent and change nothing: no error for who sends, no interface that is down. (A frame that is dropped on its way
 #: out would be reported to TCP, which then tries again at once, as no radio link makes it do.)
 SILENT = """
 table netdev lost {
@@ -31,7 +31,7 @@ def cut(lab, host: str) -> float:
     return time.monotonic()
 
 
-def mend(lab, host: str) -> float:
+def repair(lab, host: str) -> float:
     """The end of `cut`; returns when."""
     started = time.monotonic()
     lab.run(host, "nft delete table netdev lost")
@@ -40,18 +40,18 @@ def mend(lab, host: str) -> float:
 
 @contextlib.contextmanager
 def lossy(lab, hosts: Iterable[str], percent: int, kind: str = "") -> Iterator[None]:
-    """Every computer loses this part of what comes in: of every kind, or what a match of nftables names."""
+    """Every computer loses this part of incoming packets: of every kind, or those that match words of nftables."""
     for host in hosts:
         lab.run(host, "nft -f -", stdin=LOSSY % (kind, percent))
     try:
         yield
     finally:
         for host in hosts:
-            mend(lab, host)
+            repair(lab, host)
 
 
 def wait_until(look: Callable[[], object], seconds: float, what: str) -> object:
-    """What `look` returns, as soon as it is something; fails with `what` after so many seconds."""
+    """The result of `look`, as soon as there is one; fails with `what` after so many seconds."""
     deadline = time.monotonic() + seconds
     while not (seen := look()):
         assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
@@ -60,7 +60,7 @@ def wait_until(look: Callable[[], object], seconds: float, what: str) -> object:
 
 
 class Watch:
-    """What the roscore of a computer has held, from now on; by another script, what that one looks at."""
+    """The registrations of the roscore of a computer, from now on; by another script, the objects of that one."""
 
     def __init__(self, lab, host: str, looks: int = 20, script: str = "observers/watch.py") -> None:
         self.lab, self.host, self.unit = lab, host, f"{Path(script).stem}-{looks}"
@@ -68,11 +68,11 @@ class Watch:
         wait_until(self.events, 60, f"the first look of {script} on {host}")
 
     def events(self, since: float = 0.0) -> list[tuple[float, str]]:
-        """(time, what happened)."""
+        """(time, event)."""
         return [(at, text) for at, text in self.lab.output(self.host, self.unit) if at >= since]
 
     def registrations(self) -> set[str]:
-        """What the roscore holds now."""
+        """The registrations of the roscore now."""
         held: set[str] = set()
         for _at, text in self.events():
             sign, _space, item = text.partition(" ")
@@ -82,7 +82,7 @@ class Watch:
         return held
 
     def removals(self, since: float) -> list[tuple[float, str]]:
-        """(time, registration) of what went."""
+        """(time, registration) of those that went."""
         return [(at, text[2:]) for at, text in self.events(since) if text.startswith("- ")]
 
 

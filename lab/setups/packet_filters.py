@@ -23,7 +23,7 @@ NARROW = {"first": 11300, "last": 12000}  # the ports of roscore and discovery, 
 class Filter(NamedTuple):
     """A program that filters packets, as commands for a shell."""
 
-    before: str  # what the owner has set up before us, with a port that is open to everybody
+    before: str  # the set-up by the owner before ours, with a port that is open to everybody
     shows: str  # shows our rules
     removes: str  # removes a rule of ours
 
@@ -64,7 +64,7 @@ while True:
 """
 # A port, and groups, at which a robot waits for forged packets.
 HEARS, GROUP, GROUP6 = 5000, "226.0.0.0", "ff02::77"
-# What makes a kernel take own addresses and those of the loopback interface from a wire, and any sender by any way.
+# Settings by which a kernel takes own addresses and those of the loopback interface from a wire, and any sender by any way.
 CARELESS = " ".join(
     f"net.ipv4.conf.{name}.{setting}"
     for name in ("all", "eth0")
@@ -77,10 +77,10 @@ FILES = (
 
 
 class FilterLab(Lab):
-    """The lab, and what a stranger finds in it."""
+    """The lab, and the findings of a stranger in it."""
 
     def __init__(self, name, inventory, filters, mounts=()):
-        """`filters`: what each computer has to filter packets, a key of FILTERS."""
+        """`filters`: the packet filter of each computer, a key of FILTERS."""
         extras = {**EXTRAS, **{host: Extra((), mounts) for host in filters}}
         super().__init__(name, inventory, extras)
         self.everybody = [host.name for host in hosts_of(read_inventory(inventory), extras)]
@@ -92,7 +92,7 @@ class FilterLab(Lab):
             self.echo(host)
 
     def look(self, host, *addresses, first=1024, last=65535):
-        """What a computer finds on others: address -> {"tcp": ports, "udp": ports}."""
+        """The findings of a computer on others: address -> {"tcp": ports, "udp": ports}."""
         text = (ROOT / "lab/nodes/hostile/stranger.py").read_text()
         return json.loads(self.run(host, f"python3 - {first} {last} {' '.join(addresses)}", stdin=text))
 
@@ -114,7 +114,7 @@ class FilterLab(Lab):
             self.run(host, "ip neighbour flush all")
 
     def shows(self, host):
-        """Our rules on a robot, by the program that has them; empty where there are none."""
+        """Our rules on a robot, by the program that has them; empty if there are none."""
         return self.run(host, self.filters[host].shows, check=False)
 
     def play_filter(self, *options, **variables):
@@ -123,7 +123,7 @@ class FilterLab(Lab):
         assert status == 0, output
         return {host: int(changed) for host, changed in re.findall(r"([\w-]+) : ok=\d+ changed=(\d+)", output)}
 
-    # What each test of a packet filter wants to see
+    # The common expectations of the tests of packet filters
 
     def keeps_strangers_out(self, **ports):
         """A stranger finds no port and no answer."""
@@ -131,7 +131,7 @@ class FilterLab(Lab):
         assert self.look(STRANGER, *addresses, **ports) == {address: {"tcp": [], "udp": []} for address in addresses}
 
     def forges(self, host, *packets, protocol="udp"):
-        """The stranger sends a robot packets with any source: pairs of source and destination. Returns what the robot hears."""
+        """The stranger sends a robot packets with any source: pairs of source and destination. Returns the packets that the robot hears."""
         mac = self.run(host, "cat /sys/class/net/eth0/address").strip()
         self.start(host, "hearer", f"python3 {{script}} eth0 {HEARS} {GROUP} {GROUP6}", "observers/hearer.py")
         try:
@@ -172,11 +172,11 @@ class FilterLab(Lab):
                 assert {f"itself > {place}" for place in (GROUP, GROUP6)} <= set(heard), (host, heard)
 
     def checks_ipv4(self, host):
-        """True where the packet filter knows an own address from a member's; ufw and firewalld leave that to the kernel."""
+        """True if the packet filter knows an own address from a member's; ufw and firewalld leave that to the kernel."""
         return self.filters[host] is FILTERS["nftables"]
 
     def lets_members_in(self):
-        """Each robot reaches the roscore and discovery of the others, and what answers everybody."""
+        """Each robot reaches the roscore and discovery of the others, and the ports that answer everybody."""
         for host in self.addresses:
             others = [address for other, address in self.addresses.items() if other != host]
             for found in self.look(host, *others, **NARROW).values():
@@ -190,7 +190,7 @@ class FilterLab(Lab):
             assert self.run(STRANGER, greeting) == "SSH-2.0"
 
     def brings_rules_back(self):
-        """Somebody removes a rule of ours on each computer: one run brings all back."""
+        """A person removes a rule of ours on each computer: one run brings all back."""
         good = {host: self.shows(host) for host in self.filters}
         for host, own in self.filters.items():
             self.run(host, own.removes)

@@ -21,7 +21,7 @@ _WAIT = 'python3 -c "import os, rospy; rospy.init_node(os.uname().sysname); rosp
 
 @dataclass(frozen=True)
 class Wrong:
-    """A fault of a node: the variables with which it starts, what is done before it starts, and what it meets then."""
+    """A fault of a node: the variables with which it starts, the commands before it starts, and the faults that it meets then."""
 
     title: str
     variables: Mapping[str, str] = field(default_factory=dict)
@@ -33,7 +33,7 @@ class Wrong:
 
     @property
     def master(self) -> str:
-        """The roscore that it is told to use; empty for that of its shell."""
+        """The roscore that it is set to use; empty for that of its shell."""
         return self.variables.get("ROS_MASTER_URI", "")
 
 
@@ -96,7 +96,7 @@ def start(name: str, starter: str, wrong: Wrong) -> str:
 
 
 def stop(name: str, wrong: Wrong) -> str:
-    """Return the command that ends a node, and takes back what was done for it."""
+    """Return the command that ends a node, and takes back the changes for it."""
     uri = f"ROS_MASTER_URI={wrong.master} " if wrong.master and wrong.registers else ""
     steps = [
         wrong.back,
@@ -118,7 +118,7 @@ def _wait(condition: str) -> str:
 
 
 def _env(variables: Mapping[str, str]) -> str:
-    """The words of env(1) that set variables. What decides the host is what is given."""
+    """The words of env(1) that set variables. The given ones decide the host."""
     unset = ["-u ROS_HOSTNAME", "-u ROS_IP"] if {"ROS_HOSTNAME", "ROS_IP"} & variables.keys() else []
     return " ".join([*unset, *(f"{name}={value}" for name, value in sorted(variables.items()))])
 
@@ -135,8 +135,8 @@ def _start_in_shell(name: str, wrong: Wrong) -> str:
 def _start_unit(name: str, wrong: Wrong) -> str:
     # systemd would take a $ for one of its variables
     unit = _unit(name)
-    told = f"systemctl show --property MainPID --value {unit} >/run/{name}.pid"
-    return f"systemd-run --quiet --collect --unit {unit} bash -lc '{_say(name, wrong)}'; {told}"
+    note = f"systemctl show --property MainPID --value {unit} >/run/{name}.pid"
+    return f"systemd-run --quiet --collect --unit {unit} bash -lc '{_say(name, wrong)}'; {note}"
 
 
 def _start_by_launch_file(name: str, wrong: Wrong) -> str:
@@ -146,8 +146,10 @@ def _start_by_launch_file(name: str, wrong: Wrong) -> str:
     )
     # The shell has ROS_HOSTNAME, which counts before ROS_IP, and a launch file takes nothing away.
     variables = {given.replace("ROS_IP", "ROS_HOSTNAME"): value for given, value in wrong.variables.items()}
-    told = "".join(f'<env name="{variable}" value="{value}"/>' for variable, value in sorted(variables.items()))
-    launch = f'<launch><node pkg="{name}" type="talk" name="{name}" output="log">{told}</node></launch>'
+    variables_given = "".join(
+        f'<env name="{variable}" value="{value}"/>' for variable, value in sorted(variables.items())
+    )
+    launch = f'<launch><node pkg="{name}" type="talk" name="{name}" output="log">{variables_given}</node></launch>'
     talk = _TALK.format(name=name) if wrong.registers else _WAIT
     script = f'#!/bin/sh\\necho $$ >/run/{name}.pid\\nexec {talk} "$@"\\n'
     steps: Sequence[str] = (

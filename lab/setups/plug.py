@@ -80,7 +80,7 @@ def _prepare(lab):
 
 
 def events(lab, robot):
-    """What a robot's node has told: event -> when."""
+    """The events that a robot's node has reported: event -> when."""
     return {event: at for at, event in lab.output(f"{robot}-pc", "alone")}
 
 

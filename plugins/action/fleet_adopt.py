@@ -153,6 +153,6 @@ def _write_folder(path: str, files: Mapping[str, str]) -> None:
                 stream.write(text)
         os.chmod(folder, 0o755)
         os.rename(folder, path)  # also over an empty folder
-    except BaseException:  # also where a text has no UTF-8, or the run is interrupted
+    except BaseException:  # also if a text has no UTF-8, or the run is interrupted
         shutil.rmtree(folder, ignore_errors=True)
         raise

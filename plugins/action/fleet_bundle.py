@@ -34,7 +34,7 @@ NAME = "rosfleet-bundle-%Y-%m-%dT%H%M%S.zip"
 ENCRYPTED = ("EncryptedString", "AnsibleVaultEncryptedUnicode")  # of ansible-core 2.19, and before
 DIFFERENT_FINDINGS = (
     "The findings in the bundle are not all those of the fleet, since a name or a secret is a word that the verification uses; "
-    "what verify prints is right."
+    "the output of verify is right."
 )
 
 
@@ -70,7 +70,7 @@ class ActionModule(FleetAction):
             "changed": True,
             "path": path,
             "bytes": len(data),
-            "msg": f"Wrote {path} for those who help. {READ_IT}",
+            "msg": f"Wrote {path} for a maintainer. {READ_IT}",
             **({} if same else {"warnings": [DIFFERENT_FINDINGS]}),
         }
 
@@ -103,7 +103,7 @@ def words(bundle: Run) -> set[str]:
     return plan | versions | {interface.interface for entry in seen for interface in entry}
 
 
-READ_IT = "Passwords and keys were taken out where they could be recognised; read it before you give it away."
+READ_IT = "Passwords and keys were taken out if they could be recognised; read it before you give it away."
 
 
 def make_bundle(bundle: Run, judgement: Any) -> bytes:

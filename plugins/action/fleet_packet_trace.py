@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The action fleet_packet_trace: the registered results of the first look in, what is to be followed out."""
+"""The action fleet_packet_trace: the registered results of the first verification in, the packets to follow out."""
 
 from __future__ import annotations
 

@@ -143,5 +143,5 @@ def _is_allowed(name: str, values: Mapping[str, Any], specification: roles.Speci
     try:
         given = {name: values[name]}
         return not ArgumentSpecValidator({name: dict(specification)}).validate(given).error_messages
-    except AnsibleError:  # it depends on what is not known yet: the role checks it
+    except AnsibleError:  # it depends on facts that are not known yet: the role checks it
         return True

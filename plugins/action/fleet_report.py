@@ -115,7 +115,7 @@ class ActionModule(FleetAction):
 
 
 def report_unwritable(problem: OSError, path: str, *, is_asked: bool) -> None:
-    """Say that a report cannot be written. Raises Refusal where an option has asked for it."""
+    """Say that a report cannot be written. Raises Refusal if an option has asked for it."""
     message = f"The report cannot be written to {problem.filename or path}: {problem.strerror}; name another file."
     if is_asked:
         raise Refusal(message) from None
@@ -185,13 +185,13 @@ def describe_inventory(task_vars: Mapping[str, Any]) -> InventorySource:
 
 
 def read_raw(hostvars: Any, name: str) -> Mapping[str, Any]:
-    """Read the variables of a host as they stand in the inventory; nothing where they cannot be had so."""
+    """Read the variables of a host as they are in the inventory; nothing if they cannot be read."""
     found: Any = getattr(hostvars, "raw_get", lambda _name: {})(name)
     return found if isinstance(found, Mapping) else {}
 
 
 def find_origin(value: object) -> str:
-    """Return the file and line of a value of the inventory; empty where Ansible does not know it."""
+    """Return the file and line of a value of the inventory; empty if Ansible does not know it."""
     origin = Origin.get_tag(value) if Origin else None
     path, line = (origin.path, origin.line_num) if origin else (getattr(value, "ansible_pos", None) or (None, None))[:2]
     return f"{min(str(path), os.path.relpath(str(path)), key=len)}, line {line}" if path and line else ""
@@ -260,7 +260,7 @@ class Files:
 
     data: Path
     own: bool  # the option names no place: our own folder keeps the latest reports
-    fleet: str  # stands for the inventories of a command: only runs of one fleet are compared
+    fleet: str  # identifies the inventories of a command: only runs of one fleet are compared
 
     @classmethod
     def from_option(cls, path: str, folder: Path) -> Files | None:
@@ -374,6 +374,6 @@ def write(path: str, content: str | bytes, mode: int) -> None:
             os.unlink(temporary)
             raise
     except OSError as problem:
-        # The file that was asked for, and not the one beside it. A full disk is told without any.
+        # The file that was asked for, and not the temporary one. A full disk has no file to name.
         problem.filename, problem.filename2 = path, None
         raise

@@ -40,10 +40,10 @@ class ActionModule(FleetAction):
             if name in task_vars["hostvars"][host]
         }
         before = known if isinstance(known, Mapping) else {}
-        # That a computer does not answer is told in each round. Its events from before are told no second time.
+        # Each round reports that a computer does not answer. Its events from before are reported only once.
         silent = [host for host, report in reports.items() if not report.watched]
-        told = {**before, **dict.fromkeys(silent, 0)}
-        Display().display(plain_lines(progress.describe_progress(reports, seconds, told)))
+        reported = {**before, **dict.fromkeys(silent, 0)}
+        Display().display(plain_lines(progress.describe_progress(reports, seconds, reported)))
         events = progress.list_events(reports)
         lost = sum(len(report.lost) for report in reports.values())
         loss = progress.find_first_loss(events)

@@ -5,7 +5,7 @@
 
 
 class ModuleDocFragment:
-    """The files, and where they are recorded."""
+    """The files, and the place of their record."""
 
     DOCUMENTATION = r"""
 options:
@@ -43,7 +43,7 @@ options:
       validate:
         description:
           - A command and its arguments that gets the content on its standard input and fails when it is not fit to be
-            written, for example V([visudo, -c, -f, -]). It runs only where the file is to change, in check mode too,
+            written, for example V([visudo, -c, -f, -]). It runs only if the file is to change, in check mode too,
             and before anything changes.
         type: list
         elements: str

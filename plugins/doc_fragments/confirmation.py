@@ -13,8 +13,8 @@ options:
     description:
       - The seconds after which the machine takes a change at run time back by itself, unless the controller has reached it
         over a new TCP connection by then, for example V(30); V(0) for never.
-      - What a reboot reads is written after that confirmation only, so a loss of power in between brings the former state back too.
-      - Needs systemd on the machine. There is nothing to confirm where nothing changes at run time, or the connection is local.
+      - The files for the next boot are written only after that confirmation, so a loss of power in between brings the former state back too.
+      - Needs systemd on the machine. There is nothing to confirm if nothing changes at run time, or the connection is local.
     type: int
     default: 0
   confirmation:

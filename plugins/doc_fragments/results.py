@@ -16,7 +16,7 @@ options:
     default: ""
   plan:
     description:
-      - The name of the variable with the plan of each computer, which M(rosfleet.multimaster.fleet_check) returns with what it found on
+      - The name of the variable with the plan of each computer, which M(rosfleet.multimaster.fleet_check) returns with the facts of
         the machine, for example V(multimaster_plan); empty for none.
       - So robots that the collection did not set up are reported as such, and judged by whether they talk.
     type: str
@@ -52,7 +52,7 @@ options:
     default: 0
 """
 
-    # Of what was followed, after the first look
+    # Of the packet trace, after the first verification
     PACKET_TRACE = r"""
 options:
   follow:

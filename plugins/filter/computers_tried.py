@@ -29,7 +29,7 @@ options:
   pairs:
     description:
       - V(all) for all others in a fleet of any size, for example for 400 computers 399.
-      - V(auto) for those that are needed, where there are more than 30 computers.
+      - V(auto) for those that are needed, if there are more than 30 computers.
     type: str
     choices: [auto, all]
     default: auto

@@ -45,11 +45,11 @@ options:
     default: ""
   reach:
     version_added: "1.1.0"
-    description: What shells, desktops and commands by ssh get. Services get all of it in any case.
+    description: The variables that shells, desktops and commands by ssh get. Services get all of it in any case.
     type: str
     choices:
       all: The variables of the plan and those of O(ros), with its folders.
-      names: C(ROS_MASTER_URI), and C(ROS_HOSTNAME) or C(ROS_IP), alone.
+      names: C(ROS_MASTER_URI), and C(ROS_HOSTNAME) or C(ROS_IP), and nothing else.
       none: Nothing.
     default: all
 """
@@ -72,7 +72,7 @@ _value:
   type: dict
   contains:
     files:
-      description: The files to own, each with C(path), C(content), C(mode) and, where its reader can say whether it takes it, C(validate).
+      description: The files to own, each with C(path), C(content), C(mode) and, if the program that reads it can check it, C(validate).
       type: list
       elements: dict
     notes:
@@ -80,7 +80,7 @@ _value:
       type: list
       elements: str
     digest:
-      description: A SHA-256 over what systemd's units read, to restart them exactly when that changes.
+      description: A SHA-256 over the files that systemd's units read, to restart them exactly when that changes.
       type: str
 """
 
@@ -117,7 +117,7 @@ def environment_files(
         )
     if reach not in REACHES:
         raise AnsibleFilterError(
-            f"What shells get is {reach!r}; expected one of {', '.join(REACHES)}: correct environment_reach or multimaster_shells."
+            f"The reach of shells is {reach!r}; expected one of {', '.join(REACHES)}: correct environment_reach or multimaster_shells."
         )
     environment = environment_module.merge_for_users(ros or {}, for_root or {}, person, ours)
     return {

@@ -11,7 +11,7 @@ name: multicast_router
 short_description: The file and the unit of the multicast router of a gateway
 version_added: "1.0.0"
 description:
-  - Renders what smcroute needs to pass one multicast group on, both ways between two interfaces.
+  - Renders the configuration by which smcroute passes one multicast group on, both ways between two interfaces.
   - Without a group there is nothing to pass on, so both lists are empty.
 author:
   - rosfleet contributors (@rosfleet)
@@ -31,7 +31,7 @@ options:
     elements: str
     required: true
   command:
-    description: The path of smcrouted on the machine, for example V(/usr/sbin/smcrouted). Needed where there is a group.
+    description: The path of smcrouted on the machine, for example V(/usr/sbin/smcrouted). Needed if there is a group.
     type: str
     default: ""
   digest:
@@ -53,7 +53,7 @@ EXAMPLES = r"""
 
 RETURN = r"""
 _value:
-  description: What the modules take.
+  description: The options of the modules.
   type: dict
   contains:
     files:

@@ -13,9 +13,9 @@ version_added: "1.0.0"
 description:
   - Renders the static routes of the fleet's plan as configuration to paste, for the router of the common network and for
     every gateway of a robot that is no computer of the inventory (section 4.2 of the report).
-  - Where the language of the device has a place for it, the files also keep addresses between robots from being
+  - If the language of the device has a place for it, the files also keep addresses between robots from being
     translated, and the router from sending ICMP redirects.
-  - Each file begins with a comment that says what it is and what to do with it, and has a file beside it that takes it
+  - Each file begins with a comment that says its purpose and its use, and comes with a file that takes it
     back.
 author:
   - rosfleet contributors (@rosfleet)
@@ -34,7 +34,7 @@ options:
   interfaces:
     description:
       - >-
-        The interface of the common network where it is not the maker's usual one, by device and dialect, for example
+        The interface of the common network if it is not the maker's usual one, by device and dialect, for example
         V({router: {ios: GigabitEthernet0/1}, gateway-tibi: {openwrt: lan}}).
     type: dict
     default: {}
@@ -45,7 +45,7 @@ EXAMPLES = r"""
   rosfleet.multimaster.fleet_plan:
   register: fleet
 
-- name: Show what to paste into a router under OpenWrt
+- name: Show the commands to paste into a router under OpenWrt
   ansible.builtin.debug:
     msg: "{{ (fleet | rosfleet.multimaster.router_config(dialects=['openwrt']) | first).content }}"
 """
@@ -54,13 +54,13 @@ RETURN = r"""
 _value:
   description:
     - The files, each with C(path), relative, and C(content).
-    - The folder of the path is the device, C(router) or C(gateway-) and the robot. Empty where no robot has a network of
+    - The folder of the path is the device, C(router) or C(gateway-) and the robot. Empty if no robot has a network of
       its own.
   type: list
   elements: dict
   contains:
     path:
-      description: Where the file belongs below a folder of the caller's choice.
+      description: The path of the file below a folder of the caller's choice.
       type: str
       sample: router/openwrt.sh
     content:

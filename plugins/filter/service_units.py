@@ -12,7 +12,7 @@ short_description: The units of the services of a robot
 version_added: "1.0.0"
 description:
   - Renders the units of systemd that run the roscore, the discovery node and the sync node of a robot.
-  - A unit names the digest of what its service reads. So a service is restarted exactly when that changes.
+  - A unit names the digest of the files that its service reads. So a service is restarted exactly when that changes.
 author:
   - rosfleet contributors (@rosfleet)
 positional: _input
@@ -52,7 +52,7 @@ options:
     version_added: "1.1.0"
     description:
       - The code and the parameters of the nodes, each with C(path) and C(sha256). A change of a file restarts the services that read it.
-      - C(roscore) reads some only where O(programs) has its lines. That one remembers what is registered.
+      - C(roscore) reads some only if O(programs) has its lines. That one remembers the registrations.
     type: list
     elements: dict
     default: []

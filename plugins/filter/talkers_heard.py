@@ -50,7 +50,7 @@ RETURN = r"""
 _value:
   description:
     - The names of the computers whose talkers run and are to be heard, by the name of the robot.
-    - The empty name stands for the router of the common network, which is of no robot.
+    - The empty name means the router of the common network, which is of no robot.
   type: dict
   sample: {kobuki1: [kobuki1computer, kobuki2computer], kobuki2: [kobuki1computer, kobuki2computer], "": []}
 """

@@ -12,7 +12,7 @@ short_description: The streams that measure the throughput between computers
 version_added: "1.0.0"
 description:
   - Each computer sends to those that it tries; see P(rosfleet.multimaster.computers_tried#filter). One stream is sent at a time. All
-    together take 300 seconds at most. Where that is not enough, each computer sends to every second of those that it tries, or to fewer.
+    together take 300 seconds at most. If that is not enough, each computer sends to every second of those that it tries, or to fewer.
 author:
   - rosfleet contributors (@rosfleet)
 positional: _input, seconds, pairs, least

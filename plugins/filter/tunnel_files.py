@@ -11,7 +11,7 @@ name: tunnel_files
 short_description: The files of the tunnel on a computer
 version_added: "1.1.0"
 description:
-  - Renders the configuration of WireGuard without a private key. The rules against packets that come beside the tunnel are those of
+  - Renders the configuration of WireGuard without a private key. The rules against packets that come from outside of the tunnel are those of
     the packet filter.
   - Without a plan there is nothing to render, so the list is empty.
 author:

@@ -22,7 +22,7 @@ options:
   _terms:
     description:
       - The folders to read, for example V(files) of a role as C(role_path ~ '/files').
-      - One that is not absolute is a folder of this collection, also where no role is.
+      - One that is not absolute is a folder of this collection, also outside of a role.
     type: list
     elements: path
     required: true
@@ -39,7 +39,7 @@ options:
     default: true
 notes:
   - Call it with C(query), which always returns a list. C(lookup) returns a list only for two files or more; a single
-    file it returns alone, unless it is given C(wantlist=true).
+    file it returns as a dictionary, unless it is given C(wantlist=true).
 seealso:
   - module: rosfleet.multimaster.managed_files
 """

@@ -9,13 +9,13 @@ version_added: "1.0.0"
 description:
   - Protects the TCP and UDP ports 1024 to 65535 of this computer, on which ROS listens, from everybody but O(members).
     On a gateway or router it protects those of the O(networks) behind it in the same way.
-  - Where C(ufw) or C(firewalld) is active, it speaks to that one. Otherwise it has a table of its own in C(nftables), which is
+  - If C(ufw) or C(firewalld) is active, it speaks to that one. Otherwise it has a table of its own in C(nftables), which is
     replaced in one transaction, and a small unit that loads it at boot before the network is there. Foreign rules stay.
   - Ports below 1024, ICMP and IGMP are not touched but by O(guards), and neither are connections that are there already.
     Ports of ssh are not touched either, so foreign rules decide about them. These are the ports on which a server of ssh of
     root listens, the port of this connection and O(ssh_ports).
-  - Rules of ours that somebody has removed come back. With empty O(members) everything of ours is removed.
-  - Where the controller comes by something else than ssh, on a port that would be closed, the module fails before anything changes.
+  - Rules of ours that a person or a program has removed come back. With empty O(members) everything of ours is removed.
+  - If the controller comes by something else than ssh, on a port that would be closed, the module fails before anything changes.
   - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
@@ -29,7 +29,7 @@ options:
     required: true
   also:
     description:
-      - Further addresses and networks that are let in, for example V([192.168.2.201]). They count only where O(members) is not empty.
+      - Further addresses and networks that may send to it, for example V([192.168.2.201]). They count only if O(members) is not empty.
     type: list
     elements: str
     default: []
@@ -42,7 +42,7 @@ options:
   guards:
     version_added: "1.1.0"
     description:
-      - Networks whose addresses come in at one interface only, whoever is let in. Packets that come in elsewhere with such a source are
+      - Networks whose addresses come in at one interface only, for all senders. Packets that come in elsewhere with such a source are
         dropped, whether they are for this computer or to be passed on, and whatever their port and protocol are.
       - They are in our table of C(nftables) with each O(backend), so C(nft) has to be there.
     type: list
@@ -75,7 +75,7 @@ options:
     default: []
   backend:
     description:
-      - What filters the packets, for example V(nftables).
+      - The program that filters the packets, for example V(nftables).
     type: str
     default: auto
     choices:
@@ -85,7 +85,7 @@ options:
       nftables: A table of our own.
   records:
     description:
-      - The folder of the record of what is ours, for example V(/var/lib/rosfleet-multimaster).
+      - The folder of the record of our rules, for example V(/var/lib/rosfleet-multimaster).
     type: path
     default: /var/lib/rosfleet-multimaster
 author:
@@ -117,12 +117,12 @@ EXAMPLES = r"""
 
 RETURN = r"""
 backend:
-  description: What filters the packets, null where nothing of ours is to be there.
+  description: The program that filters the packets, null if none of our rules are to be there.
   returned: always, unless an option is wrong
   type: str
   sample: nftables
 members:
-  description: What was found and done per address or network that is let in.
+  description: The result per address or network that may send to it.
   returned: always, unless an option is wrong
   type: list
   elements: dict
@@ -143,7 +143,7 @@ members:
       returned: always
       sample: changed
 networks:
-  description: What was found and done per protected network.
+  description: The result per protected network.
   returned: always, unless an option is wrong
   type: list
   elements: dict
@@ -165,7 +165,7 @@ networks:
       sample: changed
 guards:
   version_added: "1.1.0"
-  description: What was found and done per guard.
+  description: The result per guard.
   returned: always, unless an option is wrong
   type: list
   elements: dict
@@ -204,7 +204,7 @@ removed:
   elements: str
   sample: []
 notes:
-  description: Sentences about what had been changed by hand.
+  description: Sentences about changes by hand.
   returned: always, unless an option is wrong
   type: list
   elements: str
@@ -236,7 +236,7 @@ same_connection:
   type: bool
   sample: true
 msg:
-  description: What was done, in a sentence.
+  description: The changes, in a sentence.
   returned: always
   type: str
   sample: "The rules of nftables were changed: 4 addresses are let in, 0 networks behind this computer are protected."

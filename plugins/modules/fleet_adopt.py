@@ -7,10 +7,10 @@ module: fleet_adopt
 short_description: Write the inventory of robots that were set up by hand
 version_added: "1.0.0"
 description:
-  - Finds out which robots there are from what M(rosfleet.multimaster.multimaster_info) has read on a list of machines. These are
+  - Finds out which robots there are from the facts that M(rosfleet.multimaster.multimaster_info) has read on a list of machines. These are
     the common network, the robots' own networks, gateways, roscores, the router, and the multicast group and ports of the
     discovery nodes.
-  - Writes an inventory folder with a comment beside everything that had to be guessed. Machines that belong to no robot, or that
+  - Writes an inventory folder with a comment at everything that had to be guessed. Machines that belong to no robot, or that
     could not be read, are named in comments.
   - How a machine is reached is taken over from the list as it is written there, but for passwords and other secrets.
   - A folder that is there and not empty is refused. In check mode nothing is written. With C(--diff) the files are shown.
@@ -58,7 +58,7 @@ EXAMPLES = r"""
   hosts: localhost
   gather_facts: false
   tasks:
-    - name: Write what was found
+    - name: Write the inventory
       rosfleet.multimaster.fleet_adopt:
         machines: "{{ groups.all }}"
         machine: adopt_found
@@ -77,7 +77,7 @@ files:
   type: dict
   sample: {group_vars/kobuki1.yml: "# What only the robot kobuki1 has.\n---\nmultimaster_master: kobuki1computer\n"}
 guesses:
-  description: A sentence for each value that was guessed, and for what else is to be read.
+  description: A sentence for each value that was guessed, and for further things to read.
   returned: success
   type: list
   elements: str

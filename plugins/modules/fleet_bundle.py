@@ -4,17 +4,17 @@
 
 DOCUMENTATION = r"""
 module: fleet_bundle
-short_description: Write one file for those who are asked for help
+short_description: Write one file for a maintainer
 version_added: "1.0.0"
 description:
-  - Writes a ZIP archive with the plan of the fleet, what every computer has seen of the others, the report as a page and as data, versions,
+  - Writes a ZIP archive with the plan of the fleet, the measurements of every computer, the report as a page and as data, versions,
     and the last lines of the services' logs. All files in it are JSON, HTML or text.
   - Passwords, keys and tokens are taken out. They are known by the names of variables and parameters (C(ansible_password), C(api_key)), by
-    their form (private keys, tokens of services, URLs with a password), and by their value, where a variable of the inventory has it that is
-    not the collection's, or is encrypted by C(ansible-vault), or where it was given to C(--ask-pass) or C(--ask-become-pass). Read the
+    their form (private keys, tokens of services, URLs with a password), and by their value, if a variable of the inventory has it that is
+    not the collection's, or is encrypted by C(ansible-vault), or if it was given to C(--ask-pass) or C(--ask-become-pass). Read the
     file before you give it to others.
   - M(rosfleet.multimaster.fleet_report) judges such a file again without any robot.
-  - The file is written as a whole or not at all, and is for the user alone.
+  - The file is written as a whole or not at all, and can be read only by the user.
   - Runs on the controller and connects to no host, so it is run once.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
@@ -70,12 +70,12 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Verify the fleet, and write a bundle for those who are asked for help
+- name: Verify the fleet, and write a bundle for a maintainer
   hosts: robots
   gather_facts: false
   become: true
   roles:
-    - role: rosfleet.multimaster.verify # it registers what its tasks have seen, and fails after its judgement
+    - role: rosfleet.multimaster.verify # it registers the measurements of its tasks, and fails after its judgement
       ignore_errors: true
   tasks:
     - name: Write a bundle
@@ -104,6 +104,6 @@ msg:
   description: The result in a sentence.
   returned: always
   type: str
-  sample: Wrote /home/operator/bundle.zip for those who help. Passwords and keys were taken out where they could be recognised; read it before
+  sample: Wrote /home/operator/bundle.zip for a maintainer. Passwords and keys were taken out if they could be recognised; read it before
     you give it away.
 """

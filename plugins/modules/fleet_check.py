@@ -7,10 +7,10 @@ module: fleet_check
 short_description: Compare a computer's plan with its machine before anything changes
 version_added: "1.0.0"
 description:
-  - Compares the plan of M(rosfleet.multimaster.fleet_plan) with what M(rosfleet.multimaster.multimaster_info) found on the machine.
+  - Compares the plan of M(rosfleet.multimaster.fleet_plan) with the facts that M(rosfleet.multimaster.multimaster_info) found on the machine.
     Are the addresses on its interfaces, are there the routes that it is said to have, is ROS there, who holds the ports.
-  - Fails with one sentence per problem, each naming the host, the variable, what was found, what was expected, and what to do.
-  - What only deserves a word, such as an older export of C(ROS_MASTER_URI) in a person's C(~/.bashrc), is a warning.
+  - Fails with one sentence per problem, each naming the host, the variable, the found value, the expected value, and the remedy.
+  - A small matter, such as an older export of C(ROS_MASTER_URI) in a person's C(~/.bashrc), is a warning.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
 options:
@@ -21,7 +21,7 @@ options:
   machine:
     description:
       - The return of M(rosfleet.multimaster.multimaster_info) on the computer.
-      - Of a module that failed there, the sentence says what it takes to look at a machine.
+      - Of a module that failed there, the sentence names the needs of such a look.
     type: dict
     required: true
   networks:
@@ -70,20 +70,20 @@ EXAMPLES = r"""
 
 RETURN = r"""
 problems:
-  description: What stands against applying the plan, one sentence each.
+  description: The reasons against the plan on this machine, one sentence each.
   returned: always
   type: list
   elements: str
   sample: []
 noted:
-  description: With O(refuse=false) what stands against applying the plan, one sentence each.
+  description: With O(refuse=false) the reasons against the plan on this machine, one sentence each.
   returned: always
   type: list
   elements: str
   sample: []
 computer:
   description:
-    - The name of the computer. Beside it are all other keys of the plan, with the names of the interfaces and what else only the
+    - The name of the computer. With it are all other keys of the plan, with the names of the interfaces and other facts that only the
       machine knows; so a task may register the result as C(multimaster_plan), which the roles read.
   returned: when nothing is refused
   type: str
@@ -94,7 +94,7 @@ found:
       C(noted) are sentences about other programs on the ports of the plan and about all other problems, C(overlaps) names the
       interfaces that lead into the network of another robot, C(warned) has the warnings, C(set_by) the line of a person that sets a variable
       of ROS to another value, C(broken_ros) says why
-      nodes of the ROS that is there cannot start, C(environment) is that of ROS where no file of ours has it."
+      nodes of the ROS that is there cannot start, C(environment) is that of ROS if no file of ours has it."
   returned: when nothing is refused
   type: dict
   sample: {set_up: true, runs: [], noted: [], overlaps: [], warned: [], set_by: {}, broken_ros: "", environment: {}}

@@ -4,12 +4,12 @@
 
 DOCUMENTATION = r"""
 module: fleet_finding
-short_description: Tell a finding as the result of a task
+short_description: Report a finding as the result of a task
 version_added: "1.0.0"
 description:
-  - Returns a finding of M(rosfleet.multimaster.fleet_report), for what records the results of tasks, such as ARA, the replay of
+  - Returns a finding of M(rosfleet.multimaster.fleet_report), for callbacks that record the results of tasks, such as ARA, the replay of
     C(ansible-navigator) or the callback P(ansible.builtin.junit#callback).
-  - Fails where RV(verdict) is V(failed), so use it with C(ignore_errors).
+  - Fails if RV(verdict) is V(failed), so use it with C(ignore_errors).
   - Runs on the controller and connects to no host.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
@@ -30,10 +30,10 @@ EXAMPLES = r"""
   gather_facts: false
   become: true
   roles:
-    - role: rosfleet.multimaster.verify # it registers what its tasks have seen, and fails after its judgement
+    - role: rosfleet.multimaster.verify # it registers the measurements of its tasks, and fails after its judgement
       ignore_errors: true
   tasks:
-    - name: Tell each finding
+    - name: Report each finding
       rosfleet.multimaster.fleet_finding:
         finding: "{{ item }}"
       loop: "{{ verify_result.findings }}"
@@ -57,12 +57,12 @@ page:
   type: str
   sample: https://github.com/rosfleet/multimaster/blob/main/docs/findings/2xx.md#rf-202
 kind:
-  description: What the broken part is, such as V(names), V(route) or V(filter).
+  description: The kind of the broken component, such as V(names), V(route) or V(filter).
   returned: always
   type: str
   sample: names
 place:
-  description: Where it is, a computer, a robot, a network, or two of them.
+  description: The place of the component, a computer, a robot, a network, or two of them.
   returned: always
   type: str
   sample: kobuki1computer
@@ -72,12 +72,12 @@ mode:
   type: str
   sample: loopback
 what:
-  description: What of it is concerned, or empty.
+  description: A detail of the component, or empty.
   returned: always
   type: str
   sample: kobuki2computer
 verdict:
-  description: The worst of what follows from it, V(failed), V(warning) or V(unknown).
+  description: The worst result that follows from it, V(failed), V(warning) or V(unknown).
   returned: always
   type: str
   sample: failed
@@ -88,7 +88,7 @@ sentence:
   sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
 do:
   version_added: "1.1.0"
-  description: What to do, step by step. Empty if the finding is only inferred.
+  description: The remedy, step by step. Empty if the finding is only inferred.
   returned: always
   type: list
   elements: dict
@@ -108,13 +108,13 @@ do:
       type: str
       sample: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer
     effect:
-      description: What it does; it is no part of the command.
+      description: The effect; it is no part of the command.
       returned: always
       type: str
       sample: writes /etc/hosts
 look:
   version_added: "1.1.0"
-  description: What to look at if that does not help, or if the finding is only inferred. It changes nothing.
+  description: The commands to look with if that does not help, or if the finding is only inferred. It changes nothing.
   returned: always
   type: list
   elements: dict
@@ -134,7 +134,7 @@ look:
       type: str
       sample: getent ahostsv4 kobuki2computer
     effect:
-      description: What it does; it is no part of the command.
+      description: The effect; it is no part of the command.
       returned: always
       type: str
       sample: ""

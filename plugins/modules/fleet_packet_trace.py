@@ -7,7 +7,7 @@ module: fleet_packet_trace
 short_description: Choose which packets are traced, if no value shows why they are lost
 version_added: "1.0.0"
 description:
-  - Judges what the computers have registered so far, as M(rosfleet.multimaster.fleet_report) does. Where something failed and
+  - Judges the results that the computers have registered so far, as M(rosfleet.multimaster.fleet_report) does. If something failed and
     no value shows the reason, it chooses a packet for each way that fails, at most twelve, and the computers on these ways.
   - M(rosfleet.multimaster.multimaster_packet_trace) sends and sees these packets.
   - Version 1.0.0 called it C(fleet_follow), a name that works as before.
@@ -33,15 +33,15 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Verify the fleet, and say what could be followed
+- name: Verify the fleet, and show the packets that could be traced
   hosts: robots
   gather_facts: false
   become: true
   roles:
-    - role: rosfleet.multimaster.verify # it registers what its tasks have seen, and fails after its judgement
+    - role: rosfleet.multimaster.verify # it registers the measurements of its tasks, and fails after its judgement
       ignore_errors: true
   tasks:
-    - name: Choose what to follow
+    - name: Choose the packets to trace
       rosfleet.multimaster.fleet_packet_trace:
         fleet: "{{ multimaster_fleet }}"
         probe: verify_probe
@@ -52,7 +52,7 @@ EXAMPLES = r"""
 
 RETURN = r"""
 probes:
-  description: What is to be sent, for O(rosfleet.multimaster.multimaster_packet_trace#module:probes); none where nothing is to be followed.
+  description: The packets to send, for O(rosfleet.multimaster.multimaster_packet_trace#module:probes); none if there are no packets to trace.
   returned: success
   type: list
   elements: dict
@@ -73,7 +73,7 @@ listeners:
   elements: str
   sample: [kobuki1computer, kobuki2computer]
 msg:
-  description: What is followed, in a sentence.
+  description: The traced packets, in a sentence.
   returned: always
   type: str
   sample: 1 way is followed, since no value shows why packets fail there.

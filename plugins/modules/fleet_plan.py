@@ -4,12 +4,12 @@
 
 DOCUMENTATION = r"""
 module: fleet_plan
-short_description: Compute what every computer of the fleet needs
+short_description: Compute the plan of every computer of the fleet
 version_added: "1.0.0"
 description:
   - Reads the C(multimaster_*) variables of all robots from the inventory, whatever C(--limit) says, validates them, and
     computes the plan of every computer.
-  - Fails with one sentence per problem, each naming the host, the variable, what was found and what was expected.
+  - Fails with one sentence per problem, each naming the host, the variable, the found value and the expected value.
   - Runs on the controller and connects to no host, so it is run once.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
@@ -20,7 +20,7 @@ options:
     default: robots
   router_group:
     description:
-      - The group that holds the router of the common network, where that is a computer under Linux, for example V(routers).
+      - The group that holds the router of the common network, if that is a computer under Linux, for example V(routers).
         It may be missing.
     type: str
     default: routers
@@ -37,14 +37,14 @@ EXAMPLES = r"""
   run_once: true
   register: multimaster_fleet
 
-- name: Show what this computer needs
+- name: Show the plan of this computer
   ansible.builtin.debug:
     var: multimaster_fleet.computers[inventory_hostname]
 """
 
 RETURN = r"""
 problems:
-  description: What is wrong with the inventory, one sentence each.
+  description: The problems of the inventory, one sentence each.
   returned: failure
   type: list
   elements: str
@@ -80,7 +80,7 @@ masters:
       type: str
       sample: kobuki1
     computer:
-      description: The computer that runs the roscore; its companion, where that computer is sealed.
+      description: The computer that runs the roscore; its companion, if that computer is sealed.
       returned: always
       type: str
       sample: kobuki1computer
@@ -100,7 +100,7 @@ masters:
       type: str
       sample: http://kobuki1computer:11311/
     monitor_uri:
-      description: Where the discovery node answers the others.
+      description: The URI at which the discovery node answers the others.
       returned: always
       type: str
       sample: http://192.168.1.229:11611
@@ -111,16 +111,16 @@ masters:
       sample: 11611
     declared:
       description:
-        - Whether the robot declares what it gives to the others (C(multimaster_exports)). One that does not gives everything to
+        - Whether the robot declares the topics that it gives to the others (C(multimaster_exports)). One that does not gives everything to
           everybody.
       returned: always
       type: bool
       sample: false
 flows:
   description:
-    - What the robots that declare it give to which others, empty where none declares. What several entries say of two robots
-      adds up, and what no entry says does not flow.
-    - In a name C(*) stands for any text. The case of letters does not count.
+    - The topics that robots with a declaration give to others, empty if none declares. Several entries for two robots
+      add up, and topics without an entry do not flow.
+    - In a name C(*) matches any text. The case of letters does not count.
     - The topics of the verification, C(/multimaster_verify/*), flow wherever anything does, and are not listed.
   returned: success
   type: list
@@ -153,7 +153,7 @@ flows:
     parameters:
       version_added: "1.1.0"
       description: The parameters that are copied, each with all that is below its name.
-      returned: where there are any
+      returned: if there are any
       type: list
       elements: str
       sample: [/robot_description]
@@ -194,7 +194,7 @@ networks:
       type: bool
       sample: false
 router:
-  description: The device that manages the common network, empty where none is named.
+  description: The device that manages the common network, empty if none is named.
   returned: success
   type: dict
   contains:
@@ -224,7 +224,7 @@ multicast_port:
   type: int
   sample: 11511
 multicast_routing:
-  description: What passes the multicast group on between the networks, V(none) where nothing does.
+  description: The program that passes the multicast group on between the networks, V(none) if nothing does.
   returned: success
   type: str
   sample: none
@@ -293,12 +293,12 @@ listeners:
       type: bool
       sample: true
 belonging:
-  description: Who belongs to the fleet, and what becomes of everybody else.
+  description: The members of the fleet, and the treatment of strangers.
   returned: success
   type: dict
   contains:
     strangers:
-      description: What becomes of masters that are not in the inventory, V(ignore) or V(allow).
+      description: The treatment of masters that are not in the inventory, V(ignore) or V(allow).
       returned: always
       type: str
       sample: ignore
@@ -309,7 +309,7 @@ belonging:
       elements: str
       sample: [192.168.1.77/32]
     robots:
-      description: The robots by what the network shows of them; the router has an entry without a master.
+      description: The robots by their marks in the network; the router has an entry without a master.
       returned: always
       type: list
       elements: dict
@@ -354,7 +354,7 @@ belonging:
       elements: str
       sample: [192.168.1.229, 192.168.1.239]
 computers:
-  description: What each computer needs, by the name of the computer; the router's too.
+  description: The plan of each computer, by its name; the router's too.
   returned: success
   type: dict
   sample:

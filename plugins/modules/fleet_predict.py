@@ -7,10 +7,10 @@ module: fleet_predict
 short_description: Predict which computers reach each other after site.yml
 version_added: "1.0.0"
 description:
-  - Follows packets hop by hop, through what M(rosfleet.multimaster.multimaster_info) has read on all computers and the plan of
+  - Follows packets hop by hop, through the facts that M(rosfleet.multimaster.multimaster_info) has read on all computers and the plan of
     M(rosfleet.multimaster.fleet_plan), as the kernels would pass them on. Nothing is sent.
   - It does so for the machines as they are now, and as C(site.yml) would leave them, each way with its way back.
-  - For what would not work it names the first place at which packets end, in one sentence.
+  - For a way that would not work it names the first place at which packets end, in one sentence.
   - A computer that has failed in this play, such as one that preflight refused, stays as it is, so it is left out.
   - A computer that was not looked at, and a device of another make, is taken as planned.
   - Runs on the controller and connects to no host, so it is run once.
@@ -27,8 +27,8 @@ options:
     type: str
     required: true
   table:
-    description: Whether to print a table, a matrix where there are at most sixteen computers, and what would fail, for example V(true).
-      Otherwise what would fail is a warning.
+    description: Whether to print a table, a matrix of at most sixteen computers, and the ways that would fail, for example V(true).
+      Otherwise such a way is a warning.
     type: bool
     default: false
 author:
@@ -119,7 +119,7 @@ ways:
       type: str
       sample: ping
     now:
-      description: V(reaches), V(fails), or V(unsure) where a packet filter says more than is understood.
+      description: V(reaches), V(fails), or V(unsure) if a packet filter says more than is understood.
       returned: always
       type: str
       sample: fails

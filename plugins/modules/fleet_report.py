@@ -4,15 +4,15 @@
 
 DOCUMENTATION = r"""
 module: fleet_report
-short_description: Judge what all computers have seen of each other
+short_description: Judge the measurements of all computers
 version_added: "1.0.0"
 description:
-  - Reads what M(rosfleet.multimaster.multicast_verify) and M(rosfleet.multimaster.multimaster_verify) have returned on
+  - Reads the results of M(rosfleet.multimaster.multicast_verify) and M(rosfleet.multimaster.multimaster_verify) on
     all computers of the play, compares it with the plan of M(rosfleet.multimaster.fleet_plan), prints the findings, and
-    writes the report. With C(-v) it also prints a table of all checks, and a matrix where there are at most sixteen computers.
-  - A finding is a part of the fleet that is broken, such as a route, a packet filter or a clock, with what shows it, what
-    follows from it, and what to do. The findings are the fewest parts that explain all that failed, and that no success
-    contradicts. Where two parts explain the same, both are named, with the command that decides.
+    writes the report. With C(-v) it also prints a table of all checks, and a matrix of at most sixteen computers.
+  - A finding is a component of the fleet that is broken, such as a route, a packet filter or a clock, with its evidence, the results that
+    follow from it, and the remedy. The findings are the fewest components that explain all that failed, and that no success
+    contradicts. If two components explain the same, both are named, with the command that decides.
   - It is a judgement, so a failed check is a result and no failure; RV(passed) has the result, for an assertion after it.
   - A computer that is unreachable, or gave no result, is a finding of its own.
   - With C(--limit), only the computers of the play are judged, each against all others as far as these take part.
@@ -24,15 +24,15 @@ extends_documentation_fragment:
 options:
   bundle:
     description:
-      - A file that M(rosfleet.multimaster.fleet_bundle) has written, for example V(bundle.zip), which is judged in place of what this run has
-        seen. It can come from any sender. Nothing of it is unpacked or run, and what is too large is refused.
+      - A file that M(rosfleet.multimaster.fleet_bundle) has written, for example V(bundle.zip), which is judged in place of the data that this run has
+        seen. It can come from any sender. Nothing of it is unpacked or run, and a result that is too large is refused.
       - One of this and O(fleet), O(multicast) and O(probe) is needed.
     type: str
     default: ""
   each:
     description:
       - Whether the findings are returned once more in RV(each), for a task for each of them (M(rosfleet.multimaster.fleet_finding)).
-      - V(auto) does so where callbacks are set up beside that of the terminal, as ARA and C(ansible-navigator) do.
+      - V(auto) does so if callbacks are set up in addition to that of the terminal, as ARA and C(ansible-navigator) do.
     type: str
     choices: [auto, always, never]
     default: never
@@ -47,7 +47,7 @@ options:
     type: dict
   multicast:
     description: The name of the variable that every computer registered from C(multicast_verify), for example
-      V(verify_multicast); where C(multimaster_verify) has measured that, too, for example V(verify_probe.multicast).
+      V(verify_multicast); if C(multimaster_verify) has measured that, too, for example V(verify_probe.multicast).
     type: str
   probe:
     description: The name of the variable that every computer registered from C(multimaster_verify), for example
@@ -55,14 +55,14 @@ options:
     type: str
   path:
     description:
-      - Where the report goes on the controller, as a page (HTML) and, beside it, as data (JSON).
+      - The place of the report on the controller, as a page (HTML) and as data (JSON).
       - With V(auto), into the folder C(rosfleet/reports) below E(ANSIBLE_HOME), that is C(~/.ansible/rosfleet/reports), with a folder for each
-        inventory. The files are for the user alone, and those of the last twenty runs are kept.
+        inventory. The files are only for the user, and those of the last twenty runs are kept.
       - A folder, which exists or ends with a slash, such as V(reports/), gets two files with the time as their name.
-      - Another text is the file for the data, for example V(verification.json); it has all results, good ones too. The page is beside it,
+      - Another text is the file for the data, for example V(verification.json); it has all results, good ones too. The page is next to it,
         here C(verification.html).
       - Nothing is written if it is empty.
-      - What differs from the run before is listed, if its data are there.
+      - Differences from the run before are listed, if its data are there.
     type: str
     default: ""
   junit:
@@ -73,7 +73,7 @@ options:
     version_added: "1.1.0"
     description:
       - The numbers of findings, with commas, or V(all). After the report it is printed why each of them was made, in ten lines at most. They name the rule that
-        decided, what has shown it, which results it explains, and the rivals with what cleared them.
+        decided, its evidence, the results that it explains, and the rivals with the successes that cleared them.
       - Nothing is explained if it is empty.
     type: str
     default: ""
@@ -92,10 +92,10 @@ EXAMPLES = r"""
   gather_facts: false
   become: true
   roles:
-    - role: rosfleet.multimaster.verify # it registers what its tasks have seen, and fails after its judgement
+    - role: rosfleet.multimaster.verify # it registers the measurements of its tasks, and fails after its judgement
       ignore_errors: true
   tasks:
-    - name: Judge what all computers have seen of each other
+    - name: Judge the measurements of all computers
       rosfleet.multimaster.fleet_report:
         fleet: "{{ multimaster_fleet }}"
         multicast: verify_probe.multicast
@@ -141,7 +141,7 @@ checks:
       type: str
       sample: ping_name
     title:
-      description: What it looks at.
+      description: The object of the check.
       returned: always
       type: str
       sample: ping by name
@@ -223,12 +223,12 @@ findings:
       type: str
       sample: https://github.com/rosfleet/multimaster/blob/main/docs/findings/2xx.md#rf-202
     kind:
-      description: What the part is, such as V(names), V(route) or V(filter).
+      description: The kind of the component, such as V(names), V(route) or V(filter).
       returned: always
       type: str
       sample: names
     place:
-      description: Where it is, a computer, a robot, a network, or two of them.
+      description: The place of the component, a computer, a robot, a network, or two of them.
       returned: always
       type: str
       sample: kobuki1computer
@@ -238,12 +238,12 @@ findings:
       type: str
       sample: loopback
     what:
-      description: What of it is concerned, such as the names that are looked up; or empty.
+      description: A detail of the component, such as the names that are looked up; or empty.
       returned: always
       type: str
       sample: kobuki2computer
     verdict:
-      description: The worst of what follows from it, V(failed), V(warning) or V(unknown).
+      description: The worst result that follows from it, V(failed), V(warning) or V(unknown).
       returned: always
       type: str
       sample: failed
@@ -254,7 +254,7 @@ findings:
       sample: /etc/hosts on kobuki1computer binds kobuki2computer to the loopback interface
     do:
       version_added: "1.1.0"
-      description: What to do, step by step. Empty if the finding is only inferred.
+      description: The remedy, step by step. Empty if the finding is only inferred.
       returned: always
       type: list
       elements: dict
@@ -274,13 +274,13 @@ findings:
           type: str
           sample: ansible-playbook -i hosts.yml rosfleet.multimaster.site --limit kobuki1computer
         effect:
-          description: What it does; it is no part of the command.
+          description: The effect; it is no part of the command.
           returned: always
           type: str
           sample: writes /etc/hosts
     look:
       version_added: "1.1.0"
-      description: What to look at if that does not help, or if the finding is only inferred. It changes nothing.
+      description: The commands to look with if that does not help, or if the finding is only inferred. It changes nothing.
       returned: always
       type: list
       elements: dict
@@ -300,7 +300,7 @@ findings:
           type: str
           sample: getent ahostsv4 kobuki2computer
         effect:
-          description: What it does; it is no part of the command.
+          description: The effect; it is no part of the command.
           returned: always
           type: str
           sample: ""
@@ -369,7 +369,7 @@ findings:
           sample: 4
         shown_by:
           description:
-            - What has shown it, each with C(kind) (V(value), V(blocking rule), V(errno), V(packet trace) or V(inference)), C(rule), C(check), C(observer),
+            - The evidence, each with C(kind) (V(value), V(blocking rule), V(errno), V(packet trace) or V(inference)), C(rule), C(check), C(observer),
               C(target), C(expected), C(found), C(source) (the file of the check), C(detail) (the rule of the packet filter, or the errno) and C(trace).
             - A C(trace) has C(packets), C(disposition), C(answer), and C(hops), each with C(computer) and C(steps) of C(action) and C(detail).
           returned: success
@@ -384,14 +384,14 @@ findings:
           sample: [{check: name, rule: value, rows: 1}]
         rivals:
           description:
-            - Other parts that may be the reason, each with C(id), C(kind), C(mode), C(place), C(what), C(rows), C(cost), C(cleared), C(reason), and the success
-              (C(check), C(observer), C(target)) that cleared it.
+            - Other components that may be the reason, each with C(id), C(kind), C(mode), C(place), C(what), C(rows), C(cost), C(cleared), C(reason),
+              and the success (C(check), C(observer), C(target)) that cleared it.
           returned: success
           type: list
           elements: dict
           sample: []
     seen:
-      description: The results with a value that shows it; none where it was concluded.
+      description: The results with a value that shows it; none if it was concluded.
       returned: always
       type: list
       elements: dict
@@ -399,13 +399,13 @@ findings:
         - {check: name, observer: kobuki1computer, target: kobuki2computer, verdict: failed, expected: 192.168.1.239, found: 127.0.1.1}
     sure:
       description:
-        - How sure it is. V(seen), a value on a computer shows it. V(located), packets were followed to it. V(inferred), it explains best what
+        - How sure it is. V(seen), a value on a computer shows it. V(located), a packet trace ends at it. V(inferred), it explains best what
           failed; then RV(findings[].do) is empty.
       returned: always
       type: str
       sample: seen
     followed:
-      description: What the packet trace has seen of it, a sentence for each place; see M(rosfleet.multimaster.multimaster_packet_trace).
+      description: The results of the packet trace about it, a sentence for each place; see M(rosfleet.multimaster.multimaster_packet_trace).
       returned: always
       type: list
       elements: str
@@ -436,12 +436,12 @@ findings:
               type: str
               sample: tibi-nav
             receiver:
-              description: The computer with the hardware address; empty where none of the fleet has it.
+              description: The computer with the hardware address; empty if none of the fleet has it.
               returned: always
               type: str
               sample: tibi-visio
             network:
-              description: The planned network between the two; empty where none is planned.
+              description: The planned network between the two; empty if none is planned.
               returned: always
               type: str
               sample: the network of tibi
@@ -471,7 +471,7 @@ findings:
               type: bool
               sample: true
             came:
-              description: The interface that it came in by; empty where it was not seen there.
+              description: The interface that it came in by; empty if it was not seen there.
               returned: always
               type: str
               sample: eth1
@@ -491,7 +491,7 @@ findings:
       type: int
       sample: 3
 each:
-  description: The first twenty of RV(findings) where O(each) says so, else none; the sentence of one of several has all of them.
+  description: The first twenty of RV(findings) if O(each) says so, else none; the sentence of one of several has all of them.
   returned: success
   type: list
   elements: dict
@@ -530,12 +530,12 @@ unexplained:
       type: str
       sample: failed
     expected:
-      description: What was expected.
+      description: The expected value.
       returned: always
       type: str
       sample: TCP port 11611 of 192.168.1.239 opens
     found:
-      description: What was found.
+      description: The found value.
       returned: always
       type: str
       sample: no answer within 2 s

@@ -4,11 +4,11 @@
 
 DOCUMENTATION = r"""
 module: fleet_summary
-short_description: Say what a run changed on each computer
+short_description: Summarize the changes of a run on each computer
 version_added: "1.0.0"
 description:
   - Prints one line for the fleet, and one for each computer on which M(rosfleet.multimaster.multimaster_computer) changed
-    something or failed, or which fell out of the run before. In check mode it says what would change.
+    something or failed, or which fell out of the run before. In check mode it lists the changes that a run would make.
   - Runs on the controller and connects to no host, so it is run once.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.info
@@ -33,7 +33,7 @@ EXAMPLES = r"""
           value: "1"
   register: brought
 
-- name: Say what changed
+- name: Summarize the changes
   rosfleet.multimaster.fleet_summary:
     results: [brought]
   run_once: true
@@ -41,7 +41,7 @@ EXAMPLES = r"""
 
 RETURN = r"""
 computers:
-  description: What changed, a line for each computer that is not as it was.
+  description: The changes, a line for each computer that is not as it was.
   returned: success
   type: list
   elements: str

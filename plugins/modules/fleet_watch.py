@@ -4,12 +4,12 @@
 
 DOCUMENTATION = r"""
 module: fleet_watch
-short_description: Tell how a watch over the fleet goes
+short_description: Show the progress of a watch over the fleet
 version_added: "1.0.0"
 description:
-  - Reads what M(rosfleet.multimaster.multimaster_watch) has returned on all computers of the play, and prints a line of
-    progress with what was lost and what has returned since the last one.
-  - Names the moment and the place of the first loss. Of what was lost within 10 seconds, that is the part nearest to the
+  - Reads the results of M(rosfleet.multimaster.multimaster_watch) on all computers of the play, and prints a line of
+    progress with the losses and returns since the last one.
+  - Names the moment and the place of the first loss. Of the losses within 10 seconds, that is the one nearest to the
     reason, as a link before the heartbeats that come by it.
   - Runs on the controller and connects to no host, so it is run once.
 extends_documentation_fragment:
@@ -34,7 +34,7 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Tell how the watch goes
+- name: Show the progress of the watch
   rosfleet.multimaster.fleet_watch:
     watched: verify_watch_answer
     duration: 15m
@@ -49,20 +49,20 @@ lost:
   type: int
   sample: 0
 first_loss:
-  description: When and where something was lost first, empty if nothing was.
+  description: The moment and the place of the first loss, empty if nothing was lost.
   returned: success
   type: str
   sample: "First loss at 12:31:05, 4:21 after the start: dabo-nav hears no heartbeat of tibi-nav on the group [RF-813]."
 advice:
   version_added: "1.1.0"
   description:
-    - For the first loss, its C(id), the C(page) about it, and what to C(do) and to C(look) at, as M(rosfleet.multimaster.fleet_report) has them.
+    - For the first loss, its C(id), the C(page) about it, and the commands to C(do) and to C(look) with, as M(rosfleet.multimaster.fleet_report) has them.
     - Empty if nothing was lost.
   returned: success
   type: dict
   sample: {}
 events:
-  description: What was lost and what has returned on all computers, in the order of time.
+  description: The losses and returns on all computers, in the order of time.
   returned: success
   type: list
   elements: dict

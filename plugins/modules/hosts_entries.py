@@ -8,20 +8,20 @@ short_description: Bind the names of all computers to their addresses in /etc/ho
 version_added: "1.0.0"
 description:
   - Gives C(/etc/hosts) all bindings of the fleet in one run, as sections 3.2 and 4.2 of the report IRI-TR-15-1 ask for
-    (its Fig. 6 and Fig. 12), and returns what libc then answers.
+    (its Fig. 6 and Fig. 12), and returns the answers of libc then.
   - A line of this module ends with the mark C(# rosfleet.multimaster). The module repairs or removes it as a whole,
-    wherever it stands. To own such a line yourself, remove the mark. All other lines are kept byte for byte.
+    wherever it is. To own such a line yourself, remove the mark. All other lines are kept byte for byte.
   - If a line of yours has a binding already, no line is added for it.
   - A managed name on a loopback line, such as the C(127.0.1.1) line that installers write and the report keeps
     (its Fig. 6), would resolve to the computer itself. So the name is removed from that line; the other names stay, and
     C(localhost) always does. The old line is kept behind the mark and restored on a rollback.
   - Names that are no longer listed are removed. So O(entries=[]) is the rollback; it restores the old content.
-  - The file is written by rename, so there is the old or the new one at any moment. Where it is a mount point, as in
+  - The file is written by rename, so there is the old or the new one at any moment. If it is a mount point, as in
     containers, it is written in place, from a copy. If such a run is killed half way, the next one repairs the file.
-    Owner, mode, ACL and other extended attributes are kept; where one cannot be kept, nothing is changed.
-  - At its end it asks libc for every name where O(path) is C(/etc/hosts), and fails where the answer is different.
-  - cloud-init writes C(/etc/hosts) at every boot where C(manage_etc_hosts) is set, for example in the user data that
-    Raspberry Pi Imager writes. Where cloud-init is installed, and O(path) is C(/etc/hosts), its services get a file with
+    Owner, mode, ACL and other extended attributes are kept; if one cannot be kept, nothing is changed.
+  - At its end it asks libc for every name if O(path) is C(/etc/hosts), and fails if the answer is different.
+  - cloud-init writes C(/etc/hosts) at every boot if C(manage_etc_hosts) is set, for example in the user data that
+    Raspberry Pi Imager writes. If cloud-init is installed, and O(path) is C(/etc/hosts), its services get a file with
     C(manage_etc_hosts=false) that counts more than user data (drop-ins in C(/etc/systemd/system), environment
     variable C(CLOUD_CFG)). It goes on a rollback. A C(CLOUD_CFG) of your own in a later drop-in stays in force. systemd
     reads it at the next boot, before cloud-init runs again; run C(systemctl daemon-reload) before you restart cloud-init by hand.
@@ -64,7 +64,7 @@ options:
     type: str
   backup:
     description:
-      - V(true) copies the file beside it before it is changed, with the time in the name of the copy, for example as
+      - V(true) copies the file in its folder before it is changed, with the time in the name of the copy, for example as
         V(/etc/hosts.4711.2026-11-21@03:14:15~). The copies stay; the rollback does not need them.
     type: bool
     default: false
@@ -167,7 +167,7 @@ entries:
       type: dict
       sample: {kobuki1computer: [192.168.1.229]}
 unresolved:
-  description: The names for which libc's best answer is not the planned address. Empty where RV(entries[].resolved) is.
+  description: The names for which libc's best answer is not the planned address. Empty if RV(entries[].resolved) is.
   returned: when the options are right
   type: list
   elements: dict
@@ -219,7 +219,7 @@ replaced:
       type: str
       sample: 127.0.1.1 kobuki1computer
     after:
-      description: The line without the managed names; empty where no name is left.
+      description: The line without the managed names; empty if no name is left.
       returned: always
       type: str
       sample: ""
@@ -257,7 +257,7 @@ conflicts:
       type: str
       sample: 192.168.1.99 kobuki1computer
     name:
-      description: The name as it stands there.
+      description: The name as it is there.
       returned: always
       type: str
       sample: kobuki1computer
@@ -278,7 +278,7 @@ conflicts:
       sample: shadows
 written:
   description:
-    - The way in which the file was written, V(rename), V(in_place) where it is a mount point, or V(removed) where this
+    - The way in which the file was written, V(rename), V(in_place) if it is a mount point, or V(removed) if this
       module had made the file. Empty when it was not written.
   returned: when the options are right
   type: str
@@ -309,7 +309,7 @@ path:
   type: str
   sample: /etc/hosts
 diff:
-  description: The file before and after; a list, with those that keep cloud-init away, where these change, too.
+  description: The file before and after; a list, with those that keep cloud-init away, if these change, too.
   returned: when the options are right
   type: dict
   sample:

@@ -18,7 +18,7 @@ description:
     O(files[].group) says another. Missing folders are made with mode C(0755). Only folders that were made for files of
     this collection are removed again, when they are empty; byte code that Python cached in such a folder goes with its
     source.
-  - Root acts in no folder that somebody else than root can replace. A planned file there is refused, and a file
+  - Root acts in no folder that another user than root can replace. A planned file there is refused, and a file
     of the bundle that is there by now stays, which the result says. A group that may write is trusted.
   - A file that is replaced keeps its ACL and other extended attributes; its mode bounds the ACL.
 extends_documentation_fragment:
@@ -36,7 +36,7 @@ options:
       - All files of the bundle; for example V([]) removes it.
   reload:
     description:
-      - A service that reads files only when it is told so. It is reloaded where this run changes a file of its folder.
+      - A service that reads files only at a reload. It is reloaded if this run changes a file of its folder.
     type: dict
     suboptions:
       service:
@@ -48,7 +48,7 @@ options:
         type: str
         required: true
       due:
-        description: Whether it is reloaded in any case, for example V(true) where it runs with other files than it should.
+        description: Whether it is reloaded in any case, for example V(true) if it runs with other files than it should.
         type: bool
         default: false
       restart:
@@ -77,7 +77,7 @@ options:
   brief:
     description:
       - The difference counts the files below each of these folders in one line, instead of their content, for example
-        V([/usr/local/lib/example]) where the content is code.
+        V([/usr/local/lib/example]) if the content is code.
     type: list
     elements: str
     default: []
@@ -178,7 +178,7 @@ digest:
   type: str
   sample: 5891b5b522d5df086d0ff0b110fbd9d21bb4fc7163af34d08286a2e846f6be03
 msg:
-  description: A sentence on all that was done; after a failure, on what was found, what was expected and what to do.
+  description: A sentence on the changes; after a failure, on the found value, the expected one and the remedy.
   returned: always
   type: str
   sample: 2 files of the bundle nodes were written, 1 was removed and 31 were right.

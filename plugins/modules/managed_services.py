@@ -15,7 +15,7 @@ description:
     files that the service reads when it starts. The present inputs are those in the environment of the running process.
     So a service is restarted when it has to be, also after a run that was interrupted before the restart.
   - A unit is restarted, too, when a file below C(/etc) that its content names was written more than 5 s after its
-    process started. So a file that somebody changed, and that is restored, counts for the service that has read it.
+    process started. So a file that a person or a program changed, and that is restored, counts for the service that has read it.
   - A unit that systemd restarts together with another one (C(PartOf=), C(BindsTo=), C(Requires=)) is not restarted
     twice.
   - A unit counts as started when systemd says so, hence C(Type=notify) proves most. All units are looked at once more
@@ -212,12 +212,12 @@ notes:
   elements: str
   sample: []
 previous_state_is_back:
-  description: V(true) if everything is again as it was before this run; if not, RV(msg) says what is left.
+  description: V(true) if everything is again as it was before this run; if not, RV(msg) names the remains.
   returned: when a unit could not be started, or something else failed half way
   type: bool
   sample: true
 msg:
-  description: A sentence on all that was done; after a failure, on what was found, what was expected and what to do.
+  description: A sentence on the changes; after a failure, on the found value, the expected one and the remedy.
   returned: always
   type: str
   sample: "multimaster-sync.service was restarted (its text changed); 2 other units were right."

@@ -82,7 +82,7 @@ options:
       multicast:
         description:
           - Whether O(group) reaches the computer, for example V(false) for the master of a robot behind a gateway that
-            does not pass multicast on. Such a computer and the others measure each other by unicast alone.
+            does not pass multicast on. Such a computer and the others measure each other only by unicast.
         type: bool
         default: true
   rounds:
@@ -105,7 +105,7 @@ options:
     default: true
   icmp:
     description:
-      - Whether to do the rounds of ICMP echo requests of the report too, for example V(false) for UDP alone.
+      - Whether to do the rounds of ICMP echo requests of the report too, for example V(false) for only UDP.
     type: bool
     default: true
   icmp_group:
@@ -133,7 +133,7 @@ author:
 seealso:
   - module: rosfleet.multimaster.multimaster_verify
   - name: Guide
-    description: What the measurement proves, and how to read it.
+    description: The proof of the measurement, and how to read it.
     link: https://github.com/rosfleet/multimaster/tree/main/docs/operate/multicast_verify.md
 """
 
@@ -189,7 +189,7 @@ memberships:
     querier: {description: 'The IGMP version that the interface speaks, after the queries it last heard. No proof that a querier
           lives. Null for IPv6.', returned: always, type: str}
 udp:
-  description: For every other computer, what UDP datagrams on the group and port showed.
+  description: For every other computer, the result of UDP datagrams on the group and port.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -207,10 +207,10 @@ udp:
           means address translation.', returned: always, type: str}
     other_interfaces: {description: Other interfaces of this computer on which they arrive., returned: always, type: list, elements: str}
     heard_by: {description: 'Whether the other computer heard this computer''s datagrams to the group while it measured, by
-          its own count. Null when no count came back, which proves nothing (its own RV(udp[].heard_from) then tells),
-          and where O(computers[].multicast=false) for one of the two.', returned: always, type: bool}
+          its own count. Null when no count came back, which proves nothing (its own RV(udp[].heard_from) then shows
+          it), and if O(computers[].multicast=false) for one of the two.', returned: always, type: bool}
     loss: {description: 'The share of this computer''s datagrams to the group that the other did not hear, from 0 to 1.
-          Null without a count, and where O(computers[].multicast=false) for one of the two.', returned: always, type: float}
+          Null without a count, and if O(computers[].multicast=false) for one of the two.', returned: always, type: float}
     own_source_address: {description: 'The source address from which the other computer sees this one, or null without an answer.', returned: always,
         type: str}
     unicast: {description: 'Whether it received unicast datagrams from this computer on O(port), or null without an answer
@@ -231,8 +231,8 @@ unexpected:
     interface: {description: The interface on which they arrived., returned: always, type: str}
     datagrams: {description: How many arrived since this computer's helper was started., returned: always, type: int}
 callers:
-  description: Who has sent empty datagrams to O(port) of this computer itself since the helper was started. A computer
-    that has sent some and is not among them is seen from another address, or its datagrams are dropped.
+  description: The senders of empty datagrams to O(port) of this computer itself since the helper was started. A
+    computer that has sent some and is not among them is seen from another address, or its datagrams are dropped.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -265,7 +265,8 @@ send_errors:
     count: {description: How many., returned: always, type: int}
     last: {description: 'The destination and the error of the last one, or null.', returned: always, type: str}
 route:
-  description: Where a program's datagrams to the group go, when it does not choose an interface itself.
+  description: The interface by which a program's datagrams to the group leave, if it does not choose an interface
+    itself.
   returned: always
   type: dict
   sample: {device: eth0, source: 192.168.1.229}
@@ -285,7 +286,7 @@ heard:
   sample: [kobuki2computer]
 missing:
   description: The names of the computers that are not heard, or that counted none of this computer's datagrams;
-    where the group does not reach one of the two, by unicast.
+    if the group does not reach one of the two, by unicast.
   returned: when O(action=collect)
   type: list
   elements: str
@@ -304,7 +305,7 @@ multicast_ok:
   type: bool
   sample: true
 msg:
-  description: What was found, in a sentence or a few; of missing computers also the likely causes.
+  description: The result, in a sentence or a few; of missing computers also the likely causes.
   returned: always
   type: str
   sample: Every other computer (1) is heard on the group and hears this one.

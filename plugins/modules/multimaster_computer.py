@@ -4,14 +4,14 @@
 
 DOCUMENTATION = r"""
 module: multimaster_computer
-short_description: Bring a computer to its plan in one run, or in two where a change is to be confirmed
+short_description: Bring a computer to its plan in one run, or in two if a change is to be confirmed
 version_added: "1.0.0"
 description:
-  - Does what the modules of a computer's concerns do, in the order of the options, with their own code and their own options.
-    Most of a module's time goes into its start, so one run in place of many is what makes a play quick.
-  - Kernel settings, routes, the packet filter and the tunnel come first. Where they change at run time, and their options have
+  - Does the work of the modules of a computer's concerns, in the order of the options, with their own code and their own options.
+    Most of a module's time goes into its start, so one run in place of many makes a play quick.
+  - Kernel settings, routes, the packet filter and the tunnel come first. If they change at run time, and their options have
     C(confirm_within), nothing else is done in that run. The controller confirms them over a new connection, and that second run does
-    the rest. Where nothing of them changes, one run does all.
+    the rest. If nothing of them changes, one run does all.
   - A concern that fails ends the run. Those before it stay, those after it are not begun, and changes that wait for their
     confirmation are taken back.
   - In check mode, all is shown in one run.
@@ -37,7 +37,7 @@ options:
   multimaster_packages:
     description:
       - The options of M(rosfleet.multimaster.multimaster_packages), without O(rosfleet.multimaster.multimaster_packages#module:keep).
-        What is missing is installed before files are written, and what is wanted no more is removed after the services are as planned.
+        Missing packages are installed before files are written, and packages that are no longer wanted are removed after the services are as planned.
     type: dict
   managed_files:
     description: The options of one or more runs of M(rosfleet.multimaster.managed_files).
@@ -51,7 +51,7 @@ options:
     default: []
   shells:
     description:
-      - What shells are to see at the end. Where files were written, the module reads what they see then, as RV(shells), and the
+      - The values that shells are to have at the end. If files were written, the module reads the new values, as RV(shells), and the
         controller compares it; a variable that does not arrive is a failure.
       - In check mode nothing is compared.
     type: dict
@@ -61,7 +61,7 @@ options:
         type: dict
         default: {}
       before:
-        description: What shells saw before, as RV(rosfleet.multimaster.multimaster_info#module:environment); it holds where nothing is written.
+        description: The values of shells before, as RV(rosfleet.multimaster.multimaster_info#module:environment); it holds if nothing is written.
         type: dict
         default: {}
       files:
@@ -76,17 +76,17 @@ options:
         elements: str
         default: []
       notes:
-        description: Sentences of what the variables do not reach on this computer; they become warnings.
+        description: Sentences about consumers that the variables do not reach on this computer; they become warnings.
         type: list
         elements: str
         default: []
       reach:
         version_added: "1.1.0"
-        description: What shells are to get of them and of the folders of the collection.
+        description: The variables that shells are to get of them and of the folders of the collection.
         type: str
         choices:
           all: The variables and the folders.
-          names: The variables alone.
+          names: Only the variables.
           none: Nothing.
         default: all
 seealso:
@@ -119,7 +119,7 @@ EXAMPLES = r"""
 RETURN = r"""
 concerns:
   description:
-    - What was found and done for each concern, by the name of its module, in the order of the options. For each of its runs
+    - The result for each concern, by the name of its module, in the order of the options. For each of its runs
       these are the return values of that module, without C(diff).
   returned: when the options are right
   type: dict
@@ -129,13 +129,13 @@ concerns:
         confirmed: true
         msg: 1 of 1 routes changed.
 shells:
-  description: What shells see at the end, as RV(rosfleet.multimaster.multimaster_info#module:environment).
+  description: The values of shells at the end, as RV(rosfleet.multimaster.multimaster_info#module:environment).
   returned: when O(shells) is given, files were written, and not in check mode
   type: dict
   sample:
     login: {ROS_MASTER_URI: "http://kobuki1computer:11311"}
 diff:
-  description: What changes, of all concerns.
+  description: The changes of all concerns.
   returned: when the options are right
   type: list
   elements: dict

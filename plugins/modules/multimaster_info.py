@@ -4,11 +4,11 @@
 
 DOCUMENTATION = r"""
 module: multimaster_info
-short_description: Find out what a machine is before it becomes a computer of the fleet
+short_description: Read the facts of a machine before it becomes a computer of the fleet
 version_added: "1.0.0"
 description:
-  - Reads in one run what has to be known before a robot's computer is changed. Its interfaces and addresses, where
-    ROS 1 is, who holds the ports of the services, which files set other values of C(ROS_MASTER_URI), and what sshd is
+  - Reads in one run all that has to be known before a robot's computer is changed. Its interfaces and addresses, the place of
+    ROS 1, the programs that hold the ports of the services, the files that set other values of C(ROS_MASTER_URI), and what sshd is
     set up for.
   - A set-up file of ROS is really sourced, and rospy really imported, in a unit of systemd with a user of its own, which
     ends with all its processes. The services run so too, and a person's workspace is no code for root. Whose the files are
@@ -20,7 +20,7 @@ extends_documentation_fragment:
 options:
   ros_setup:
     description:
-      - Where ROS 1 is. V(auto) takes the only C(/opt/ros/<distro>), and Debian's packages where there is none.
+      - The place of ROS 1. V(auto) takes the only C(/opt/ros/<distro>), and Debian's packages if there is none.
         V(debian) takes Debian's packages.
       - Anything else is the path of a set-up file, or of the folder that holds it, for example
         V(/home/robot/ws/devel/setup.bash). In an environment of conda it is sourced with C(CONDA_PREFIX) and C(PATH) set, as conda does.
@@ -46,7 +46,7 @@ options:
         required: true
   parts:
     description:
-      - What is looked at, for example only V(environment) to read back what shells see. A part that is not listed is
+      - The parts to read, for example only V(environment) to read back what shells see. A part that is not listed is
         not returned.
       - The part V(system) returns RV(hostname), RV(python), RV(kernel), RV(os) and RV(systemd); every other part returns the value
         of its name.
@@ -92,7 +92,7 @@ options:
         elements: str
         default: []
       environment:
-        description: Variables that it needs, which are set for the import where the ROS does not set them, such as E(ROS_VERSION).
+        description: Variables that it needs, which are set for the import if the ROS does not set them, such as E(ROS_VERSION).
         type: dict
         default: {}
   packages:
@@ -132,7 +132,7 @@ EXAMPLES = r"""
         ports:
           - {protocol: tcp, port: 11311}
 
-    - name: Read back what a new login shell sees
+    - name: Read back the variables of a new login shell
       rosfleet.multimaster.multimaster_info:
         parts: [environment]
 
@@ -146,7 +146,7 @@ EXAMPLES = r"""
         parts: [masters]
       register: seen
 
-    - name: Say what is missing
+    - name: List the missing packages
       ansible.builtin.assert:
         that:
           - seen.masters | length == 1
@@ -186,11 +186,11 @@ systemd:
   sample: {running: true, version: 252, net_admin: true}
   contains:
     running: {description: Whether systemd runs this machine., returned: always, type: bool}
-    version: {description: 'Its version, 0 where it is not installed.', returned: always, type: int}
+    version: {description: 'Its version, 0 if it is not installed.', returned: always, type: int}
     net_admin: {description: 'Whether it may give C(CAP_NET_ADMIN) to services, which some containers do not let it.', returned: always,
         type: bool}
 owned:
-  description: The records of what modules of the collection have put on this machine, by their names.
+  description: The records of the changes of the collection's modules on this machine, by their names.
   returned: with the part V(owned)
   type: list
   elements: str
@@ -209,10 +209,10 @@ interfaces:
     multicast: {description: Whether it does multicast., returned: always, type: bool}
     loopback: {description: Whether it is the loopback interface., returned: always, type: bool}
     mtu: {description: 'The largest packet, in bytes.', returned: always, type: int}
-    port_of: {description: 'The bridge or bond of which it is a port, or empty. What comes in at a port belongs to the interface
-          above it.', version_added: 1.1.0, returned: always, type: str}
-    macvlan_of: {description: 'The interface below it, where it is a macvlan, or empty. Both answer ARP for each address of the
-          machine.', version_added: 1.1.0, returned: always, type: str}
+    port_of: {description: 'The bridge or bond of which it is a port, or empty. A packet that comes in at a port belongs to
+          the interface above it.', version_added: 1.1.0, returned: always, type: str}
+    macvlan_of: {description: 'The interface below it, if it is a macvlan, or empty. Both answer ARP for each address of the machine.',
+        version_added: 1.1.0, returned: always, type: str}
     point_to_point: {description: 'Whether it is one end of a link with two ends, such as a tunnel.', returned: always, type: bool}
     addresses: {description: Its addresses., returned: always, type: list, elements: dict}
 ways:
@@ -224,13 +224,13 @@ ways:
     - {destination: 192.168.10.1, gateway: 192.168.11.101, device: eth0, source: 192.168.11.100, error: ''}
   contains:
     destination: {description: The address that was asked for., returned: always, type: str}
-    gateway: {description: 'The next hop, null where the address is on a network of this machine or there is no route.', returned: always,
+    gateway: {description: 'The next hop, null if the address is on a network of this machine or there is no route.', returned: always,
         type: str}
-    device: {description: 'The interface on which packets leave, null where there is no route.', returned: always, type: str}
-    source: {description: 'The address from which packets leave, null where there is no route.', returned: always, type: str}
+    device: {description: 'The interface on which packets leave, null if there is no route.', returned: always, type: str}
+    source: {description: 'The address from which packets leave, null if there is no route.', returned: always, type: str}
     error: {description: 'Why there is no route, else empty.', returned: always, type: str}
 routing:
-  description: The routes of IPv4, which decide where packets leave.
+  description: The routes of IPv4, which decide how packets leave.
   returned: with the part V(routing)
   type: dict
   sample: {routes: [{destination: 192.168.10.0/24, gateway: 192.168.1.202, device: eth0, metric: 0, source: 192.168.1.201,
@@ -239,25 +239,25 @@ routing:
   contains:
     routes: {description: 'The routes of the main table, also those that the kernel makes for addresses.', returned: always,
         type: list, elements: dict}
-    rules: {description: 'The rules of policy routing beside the kernel''s own, as C(ip rule) prints them.', returned: always,
+    rules: {description: 'The rules of policy routing without the kernel''s own, as C(ip rule) prints them.', returned: always,
         type: list, elements: str}
     tables: {description: 'The other tables to which the rules lead, 32 at most.', returned: always, type: list, elements: dict}
 forwarding:
-  description: The kernel's settings that decide what passes through this machine.
+  description: The kernel's settings that decide about packets through this machine.
   returned: with the part V(forwarding)
   type: dict
   sample: {ip_forward: 1, interfaces: [{interface: eth0, addresses: [192.168.1.201], forwarding: 1, rp_filter: 2, send_redirects: 1,
           prefixes: [24], mtu: 1500, mac: '02:42:c0:a8:01:c9', state: up, carrier_changes: 2, last: '', power_save: null}],
       icmp_echo_ignore_all: 0, macs: ['02:42:c0:a8:01:c9']}
   contains:
-    ip_forward: {description: 'C(net.ipv4.ip_forward), or null where it cannot be read.', returned: always, type: int}
+    ip_forward: {description: 'C(net.ipv4.ip_forward), or null if it cannot be read.', returned: always, type: int}
     interfaces: {description: The interfaces that have an IPv4 address., returned: always, type: list, elements: dict}
-    icmp_echo_ignore_all: {description: 'C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot
-          be read.', returned: always, type: int}
+    icmp_echo_ignore_all: {description: 'C(net.ipv4.icmp_echo_ignore_all), V(1) if the kernel answers no pings, or null if it cannot be
+          read.', returned: always, type: int}
     macs: {description: 'The hardware addresses of all interfaces that are up, also of those without an address, such as
           the ports of a bridge.', version_added: 1.1.0, returned: always, type: list, elements: str}
 filters:
-  description: The packet filter of nftables, also what iptables has made of it, as far as it can be read simply.
+  description: The packet filter of nftables, also the rules of iptables in it, as far as it can be read simply.
   returned: with the part V(filters)
   type: dict
   sample: {readable: true, chains: [{hook: forward, table: ip filter, policy: drop, rules: [{verdict: accept, protocol: tcp,
@@ -270,12 +270,12 @@ filters:
     arp: {description: 'The family and the name of each table that drops ARP, whoever asks or answers.', version_added: 1.1.0,
         returned: always, type: list, elements: str}
 multicast_routing:
-  description: What passes multicast on between interfaces.
+  description: The state of multicast routing between interfaces.
   returned: with the part V(multicast_routing)
   type: dict
   sample: {smcrouted: /usr/sbin/smcrouted, others: []}
   contains:
-    smcrouted: {description: 'The program of smcroute, empty where it is not installed.', returned: always, type: str}
+    smcrouted: {description: 'The program of smcroute, empty if it is not installed.', returned: always, type: str}
     others: {description: The active units of Debian's packages that do it already; the kernel takes one program at a time.,
         returned: always, type: list, elements: str}
 clock:
@@ -287,18 +287,18 @@ clock:
           line: NTP=192.168.1.9}], sources: [{address: 192.168.1.201, selected: true, reachable: true, offset_s: 0.0001}],
       restart_due: false}
   contains:
-    chronyd: {description: 'The program of chrony, empty where it is not installed.', returned: always, type: str}
+    chronyd: {description: 'The program of chrony, empty if it is not installed.', returned: always, type: str}
     enabled: {description: Whether C(chrony.service) starts at boot., returned: always, type: bool}
     settable: {description: Whether systemd may let a service set the clock (CAP_SYS_TIME). In most containers it may not.,
         returned: always, type: bool}
-    others: {description: 'The configurations of time services that somebody has written, not their Debian package and not
-          the collection; at most 20.', returned: always, type: list, elements: dict}
+    others: {description: 'The configurations of time services that a person or a program has written, not their Debian package
+          and not the collection; at most 20.', returned: always, type: list, elements: dict}
     sources: {description: 'The sources of time that the time service has, at most 32. Those without an address, such as a
           radio clock, are left out.', returned: always, type: list, elements: dict}
     restart_due: {description: 'Whether chrony runs since before the present files of the collection, or does not run with them.',
         returned: always, type: bool}
 tunnel:
-  description: What a tunnel of WireGuard needs.
+  description: The support for a tunnel of WireGuard.
   version_added: 1.1.0
   returned: with the part V(tunnel)
   type: dict
@@ -345,7 +345,7 @@ packages:
   contains:
     name: {description: The name of the package., returned: always, type: str}
     installed: {description: 'The version that is installed, or empty.', returned: always, type: str}
-    candidate: {description: 'The version that apt would install, empty where its sources have none.', returned: always, type: str}
+    candidate: {description: 'The version that apt would install, empty if its sources have none.', returned: always, type: str}
     ours: {description: Whether the collection installed it., returned: always, type: bool}
 ports:
   description: The listening TCP and bound UDP sockets on O(ports).
@@ -359,16 +359,16 @@ ports:
     protocol: {description: V(tcp) or V(udp)., returned: always, type: str}
     port: {description: The number of the port., returned: always, type: int}
     address: {description: The address that the socket is bound to., returned: always, type: str}
-    pid: {description: 'The process that has it open, 0 where that cannot be seen.', returned: always, type: int}
+    pid: {description: 'The process that has it open, 0 if that cannot be seen.', returned: always, type: int}
     command: {description: The command line of that process., returned: always, type: str}
     user: {description: The user who owns the socket., returned: always, type: str}
-    unit: {description: 'The systemd unit of that process, empty where it has none.', returned: always, type: str}
+    unit: {description: 'The systemd unit of that process, empty if it has none.', returned: always, type: str}
     container: {description: 'Whether that process has numbers of its own below this machine''s, as processes in a container
           have.', returned: always, type: bool}
 masters:
   description: The roscores on the TCP ports among O(ports), with the discovery and sync nodes that are registered
     there. They are asked by their own protocols, so no ROS is needed, and it does not matter who has started them.
-    Each question takes at most five seconds. What others tell is plain text of at most 200 characters.
+    Each question takes at most five seconds. Texts from other machines are plain text of at most 200 characters.
   returned: with the part V(masters)
   type: list
   elements: dict
@@ -385,11 +385,11 @@ masters:
     port: {description: The TCP port on which it listens., returned: always, type: int}
     process: {description: 'The process that has the port open, as far as this user may see it.', returned: always, type: dict}
     uri: {description: The URI by which the roscore calls itself., returned: always, type: str}
-    pid: {description: The process number that the roscore tells., returned: always, type: int}
-    run_id: {description: 'The parameter C(/run_id), another one for each start of a roscore; empty where it is not set.',
-        returned: always, type: str}
-    rosdistro: {description: 'The parameter C(/rosdistro), empty where it is not set.', returned: always, type: str}
-    rosversion: {description: 'The parameter C(/rosversion), empty where it is not set.', returned: always, type: str}
+    pid: {description: The process number that the roscore reports., returned: always, type: int}
+    run_id: {description: 'The parameter C(/run_id), another one for each start of a roscore; empty if it is not set.', returned: always,
+        type: str}
+    rosdistro: {description: 'The parameter C(/rosdistro), empty if it is not set.', returned: always, type: str}
+    rosversion: {description: 'The parameter C(/rosversion), empty if it is not set.', returned: always, type: str}
     nodes: {description: 'How many nodes are registered with a topic or a service, those of other robots included.', returned: always,
         type: int}
     topics: {description: How many topics have a publisher or a subscriber., returned: always, type: int}
@@ -398,8 +398,8 @@ masters:
           most.', returned: always, type: list, elements: dict}
     sync: {description: 'The robot''s own sync nodes, known by a service C(get_sync_info) in any namespace; eight at most.',
         returned: always, type: list, elements: dict}
-    error: {description: 'Why the roscore gave no answer, or empty. Where something else than a roscore answers on a port,
-          there is no entry.', returned: always, type: str}
+    error: {description: 'Why the roscore gave no answer, or empty. If something else than a roscore answers on a port, there
+          is no entry.', returned: always, type: str}
 exports:
   description: Assignments of ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME in the files that shells read, other than
     the collection's.
@@ -410,16 +410,16 @@ exports:
     - {file: /home/robot/.bashrc, line: 118, variable: ROS_MASTER_URI, value: 'http://localhost:11311', text: 'export
           ROS_MASTER_URI=http://localhost:11311', person: robot, shell: interactive}
   contains:
-    file: {description: 'The file; empty where a shell has the variable, and no line was found.', returned: always, type: str}
-    line: {description: 'The number of the line, 0 where none was found.', returned: always, type: int}
+    file: {description: 'The file; empty if a shell has the variable, and no line was found.', returned: always, type: str}
+    line: {description: 'The number of the line, 0 if none was found.', returned: always, type: int}
     variable: {description: The variable., returned: always, type: str}
-    value: {description: 'What the shell of RV(exports[].person) has. Where none was asked, what the line sets, as far as
-          that is a plain word.', returned: always, type: str}
-    text: {description: 'The statement in the line, or what the shell has made of it; other variables are without their
-          values.', returned: always, type: str}
-    person: {description: 'The person whose shell was asked, and has the value; empty where none was asked.', version_added: 1.1.0,
+    value: {description: 'The value in the shell of RV(exports[].person). If none was asked, the value that the line sets,
+          as far as that is a plain word.', returned: always, type: str}
+    text: {description: 'The statement in the line, or its form in the shell; other variables are without their values.',
         returned: always, type: str}
-    shell: {description: 'V(interactive), V(login), or empty where no shell was asked.', version_added: 1.1.0, returned: always,
+    person: {description: 'The person whose shell was asked, and has the value; empty if none was asked.', version_added: 1.1.0,
+        returned: always, type: str}
+    shell: {description: 'V(interactive), V(login), or empty if no shell was asked.', version_added: 1.1.0, returned: always,
         type: str}
 sshd:
   description: The ssh server.
@@ -434,8 +434,8 @@ sshd:
     match_setenv: {description: Whether it knows C(SetEnv) below a C(Match). OpenSSH 8.4 gives such variables to no user., returned: always,
         type: bool}
     path: {description: The C(PATH) of C(/etc/environment); empty if it sets none., returned: always, type: str}
-    service: {description: 'The active unit of the server, empty where it is not a running service.', returned: always, type: str}
-    reload_due: {description: Whether the collection's file is newer than what the running server has read., returned: always,
+    service: {description: 'The active unit of the server, empty if it is not a running service.', returned: always, type: str}
+    reload_due: {description: Whether the collection's file is newer than the configuration of the running server., returned: always,
         type: bool}
 environment:
   description: The variables that really arrive, read by the programs that read the files, for a user without files
@@ -445,9 +445,9 @@ environment:
   sample: {login: {ROS_MASTER_URI: 'http://kobuki1computer:11311', ROS_HOSTNAME: kobuki1computer}, ssh: {ROS_MASTER_URI: 'http://kobuki1computer:11311',
         ROS_HOSTNAME: kobuki1computer}, desktop: {ROS_MASTER_URI: 'http://kobuki1computer:11311', ROS_HOSTNAME: kobuki1computer}}
   contains:
-    login: {description: In a new login shell. Null where there is no bash., returned: always, type: dict}
-    ssh: {description: 'In a command by ssh, as far as sshd sets it. Null where there is no sshd, or its settings cannot
-          be read, which needs root.', returned: always, type: dict}
+    login: {description: In a new login shell. Null if there is no bash., returned: always, type: dict}
+    ssh: {description: 'In a command by ssh, as far as sshd sets it. Null if there is no sshd, or its settings cannot be
+          read, which needs root.', returned: always, type: dict}
     desktop: {description: 'In a session of systemd''s user manager, as far as C(environment.d) sets it. Null without such
           a manager.', returned: always, type: dict}
 problems:

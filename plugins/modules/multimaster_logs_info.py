@@ -28,7 +28,7 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Read what the services said
+- name: Read the last lines of the services
   rosfleet.multimaster.multimaster_logs_info:
     services: [roscore, discovery, sync]
     lines: 50
@@ -62,7 +62,7 @@ ARGUMENTS = {
 
 
 def find_wrong_value(services, lines):
-    """Return what is wrong with the options, in a sentence, or an empty text."""
+    """Return a sentence about wrong options, or an empty text."""
     odd = [name for name in services if not re.match(r"[a-z][a-z-]{0,40}\Z", name)]
     if odd:
         return f"services has {odd[0]!r}; expected names as the plan has them, such as roscore: correct it."

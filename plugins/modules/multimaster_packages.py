@@ -8,8 +8,8 @@ module: multimaster_packages
 short_description: Install Debian packages, and remove those that it has installed itself
 version_added: "1.0.0"
 description:
-  - Installs what is missing, without recommended packages, from the package sources that the computer has.
-  - A package that was there before is removed only where a new one replaces it, as chrony replaces systemd-timesyncd. It is back when the
+  - Installs missing packages, without recommended packages, from the package sources that the computer has.
+  - A package that was there before is removed only if a new one replaces it, as chrony replaces systemd-timesyncd. It is back when the
     new one is removed.
   - The record of both is C(/etc/rosfleet-multimaster/packages). It is written before the first package is installed, so what an
     interrupted run has installed is taken back, too.
@@ -41,7 +41,7 @@ EXAMPLES = r"""
   rosfleet.multimaster.multimaster_packages:
     names: [ros-noetic-fkie-multimaster]
 
-- name: Remove what was installed
+- name: Remove the packages that were installed
   rosfleet.multimaster.multimaster_packages:
     names: []
 """
@@ -60,13 +60,13 @@ removed:
   elements: str
   sample: []
 diff:
-  description: What changes in the record.
+  description: The changes of the record.
   returned: with --diff
   type: list
   elements: dict
   sample: []
 msg:
-  description: One sentence on all that was done, or on what prevents it.
+  description: One sentence on the changes, or on the reason against them.
   returned: always
   type: str
   sample: 1 packages were installed, 0 removed.

@@ -4,16 +4,16 @@
 
 DOCUMENTATION = r"""
 module: multimaster_packet_trace
-short_description: Trace packets from computer to computer, and report where they vanish
+short_description: Trace packets from computer to computer, and report the place at which they vanish
 version_added: "1.0.0"
 description:
-  - The packet trace of a verification. Several computers listen while some of them send once more what did not arrive. Each tells
+  - The packet trace of a verification. Several computers listen while some of them send once more the packets that did not arrive. Each reports
     which of these packets came in and went out, by which interface, from and to which hardware address.
   - It takes three tasks. With O(action=listen), a listener is left running. With O(action=send), the computer sends its
-    O(probes). With O(action=collect), the listener reports what it saw, and ends. Use the C(linear) strategy (the default), so that a
+    O(probes). With O(action=collect), the listener reports the packets that it saw, and ends. Use the C(linear) strategy (the default), so that a
     task is through on every computer before the next one begins.
-  - A listener sees packets of this O(run), ICMP errors and ARP messages alone, 500 of each protocol at most and 100 of one sender.
-    It is in no promiscuous mode, and ends by itself after O(lifetime), also where the controller has vanished.
+  - A listener sees only packets of this O(run), ICMP errors and ARP messages, 500 of each protocol at most and 100 of one sender.
+    It is in no promiscuous mode, and ends by itself after O(lifetime), also if the controller has vanished.
   - Version 1.0.0 called it C(multimaster_follow), a name that works as before.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe
@@ -26,7 +26,7 @@ options:
     description:
       - With V(listen), a listener begins; an older one of this computer ends.
       - With V(send), this computer sends those of O(probes) whose C(sender) is O(name).
-      - With V(collect), the listener of the same O(run) reports what it saw, and ends.
+      - With V(collect), the listener of the same O(run) reports the packets that it saw, and ends.
     type: str
     choices: [listen, send, collect]
     required: true
@@ -41,7 +41,7 @@ options:
     type: str
     default: ""
   probes:
-    description: What is sent, by all computers of the run; 16 at most.
+    description: The packets to send, by all computers of the run; 16 at most.
     type: list
     elements: dict
     default: []
@@ -122,7 +122,7 @@ EXAMPLES = r"""
       rosfleet.multimaster.multimaster_packet_trace:
         action: send
 
-    - name: Tell what was seen
+    - name: Show the packets that were seen
       rosfleet.multimaster.multimaster_packet_trace:
         action: collect
       register: followed
@@ -130,7 +130,7 @@ EXAMPLES = r"""
 
 RETURN = r"""
 sent:
-  description: What became of each probe of this computer, as far as it knows itself.
+  description: The fate of each probe of this computer, as far as it knows itself.
   returned: when O(action=send)
   type: list
   elements: dict
@@ -206,13 +206,13 @@ counters:
         type: str}
     more: {description: By how much it has grown., returned: always, type: int}
 fixed:
-  description: The hardware addresses of neighbours that somebody has set by hand.
+  description: The hardware addresses of neighbours that a person or a program has set.
   returned: when O(action=collect)
   type: list
   elements: str
   sample: []
 msg:
-  description: What was done, in a sentence.
+  description: The result, in a sentence.
   returned: always
   type: str
   sample: Saw 14 packets.

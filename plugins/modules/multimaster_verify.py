@@ -4,23 +4,23 @@
 
 DOCUMENTATION = r"""
 module: multimaster_verify
-short_description: Measure what this computer sees of the other computers and masters
+short_description: Measure how this computer sees the other computers and masters
 version_added: "1.0.0"
 description:
-  - Does from this computer to all others what sections 3.2 and 3.3 of the report IRI-TR-15-1 try by hand. It resolves
+  - Does from this computer to all others the tests that sections 3.2 and 3.3 of the report IRI-TR-15-1 try by hand. It resolves
     the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls
-    C(rosservice call /master_discovery/list_masters), and hears what every other computer publishes (section 4.3).
-    On the computer of a roscore it also reads what that holds, of which robot it is, and which nodes are connected.
+    C(rosservice call /master_discovery/list_masters), and hears the topic that every other computer publishes (section 4.3).
+    On the computer of a roscore it also reads the registrations there, with their robots, and the connected nodes.
   - It takes three tasks, so that any number of C(--forks) works. With O(action=start), every computer that has ROS
     starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime); with O(look) and
     O(multicast) the machine is looked at and a listener started in the same run. With
-    O(action=collect), every computer looks, all others at once, and returns what it found; one node on each computer
+    O(action=collect), every computer looks, all others at once, and returns its measurements; one node on each computer
     subscribes to all talkers, as C(rostopic echo) does to one. With O(action=stop), the
     talkers end. Use the C(linear) strategy (the default), so that a task is through on every computer before the next
     one begins.
   - With O(action=stream), between the last two, it sends for a moment to the talker of each other computer and returns how fast
     that was. Such a task needs C(throttle) with V(1), since streams at the same time would measure each other.
-  - It is a measurement, so what is missing is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
+  - It is a measurement, so a missing answer is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
   - It runs the commands of ROS as the user C(nobody) and needs root itself, for raw sockets and for the talker's unit.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe
@@ -34,7 +34,7 @@ options:
       - With V(start), a talker is left running on this computer, and helpers of M(rosfleet.multimaster.multicast_verify)
         on the computers of O(members) with O(members[].discovery=true) are sent a few empty datagrams, so that they see
         from which address they come. An older talker ends first. That a talker cannot start is a result and no failure.
-      - With V(collect), this computer looks at all others and returns what it found.
+      - With V(collect), this computer looks at all others and returns its measurements.
       - With V(stream), this computer sends a stream to each of O(talkers), one after the other, and returns RV(streams).
       - With V(stop), the talker of this computer ends.
       - V(started), V(collected), V(streamed) and V(stopped) are the former words for the same, as C(state) is the former name of the
@@ -46,7 +46,7 @@ options:
   run:
     description:
       - The label of the run, for example V(verify-1730000000), of 1 to 64 letters, digits, dots, hyphens and
-        underscores. The talkers say it, so that what an older talker says is not taken for theirs.
+        underscores. The talkers say it, so that the text of an older talker is not taken for theirs.
     type: str
     default: default
   name:
@@ -63,7 +63,7 @@ options:
   is_router:
     description:
       - Whether this computer is the router of the common network and no computer of a robot, for example V(true). Then
-        only what concerns packets is looked at, routes, pings by address and kernel settings.
+        only the values for packets are read, routes, pings by address and kernel settings.
     type: bool
     default: false
   members:
@@ -131,7 +131,7 @@ options:
         type: int
         required: true
       monitor_uri:
-        description: Where its discovery node answers, for example V(http://192.168.1.239:11611).
+        description: The URI at which its discovery node answers, for example V(http://192.168.1.239:11611).
         type: str
         required: true
       robot:
@@ -145,13 +145,13 @@ options:
         default: ""
       declared:
         description:
-          - Whether its robot declares what it gives, for example V(false). Not read; accepted as O(members[].multicast)
+          - Whether its robot declares its exports, for example V(false). Not read; accepted as O(members[].multicast)
             is.
         type: bool
         default: false
       roscore:
         description:
-          - The IPv4 address of its roscore, for example V(192.168.1.40), where that is on a sealed computer. Empty, where it is on
+          - The IPv4 address of its roscore, for example V(192.168.1.40), if that is on a sealed computer. Empty if it is on
             O(masters[].computer).
         type: str
         default: ""
@@ -186,12 +186,12 @@ options:
     default: /etc/rosfleet-multimaster/environment
   variables:
     description:
-      - The variables that the services are to have in any case, also where O(environment_file) has lost them, for example C(ROS_HOSTNAME)
+      - The variables that the services are to have in any case, also if O(environment_file) has lost them, for example C(ROS_HOSTNAME)
         with V(kobuki1computer).
     type: dict
     default: {}
   boot:
-    description: The plan of what the next boot brings back; see RV(next_boot). Nothing is compared with it, if not given.
+    description: The planned values after the next boot; see RV(next_boot). Nothing is compared with it, if not given.
     type: dict
     suboptions:
       settings:
@@ -234,7 +234,7 @@ options:
   multicast:
     description:
       - The options of M(rosfleet.multimaster.multicast_verify) without its O(action), for example C(name) and C(computers) of its
-        listener. With O(action=start) its listener is started, and with O(action=collect), what it measures is measured here
+        listener. With O(action=start) its listener is started, and with O(action=collect), its measurements are made here
         at the same time, so a computer has one module run and not two; see RV(multicast). Nothing is measured on the group,
         if not given.
     type: dict
@@ -272,7 +272,7 @@ options:
     default: []
   environment:
     description:
-      - The variables of ROS on this computer where O(environment_file) is not there, since the collection did not set it up, for
+      - The variables of ROS on this computer if O(environment_file) is not there, since the collection did not set it up, for
         example C(ROS_MASTER_URI) with V(http://kobuki1computer:11311).
     type: dict
     default: {}
@@ -304,7 +304,7 @@ seealso:
 """
 
 EXAMPLES = r"""
-- name: Measure what every computer sees of the others
+- name: Measure how every computer sees the others
   hosts: robots
   gather_facts: false
   become: true
@@ -338,7 +338,8 @@ EXAMPLES = r"""
 
 RETURN = r"""
 members:
-  description: What this computer sees of every computer of the fleet; of itself only what its name means.
+  description: The measurements from this computer to every computer of the fleet; of itself only the addresses
+    of its name.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -360,32 +361,32 @@ members:
     resolve_error: {description: 'Why the name has none, or empty.', returned: always, type: str}
     route: {description: The route that the kernel takes to the planned address., returned: for every other computer, type: dict}
     discovery_route: {description: 'The route to RV(members[].name)''s O(members[].discovery_address), as RV(members[].route); null
-          where that is its address.', returned: for every other computer, type: dict}
+          if that is its address.', returned: for every other computer, type: dict}
     ping_address: {description: Whether an ICMP echo request to the planned address is answered; up to three are sent., returned: for
           every other computer, type: dict}
     ping_name: {description: The same for the first address that the name has on this computer., returned: for every other computer,
         type: dict}
     ping_large: {description: 'The same for packets to the planned address that are as large as this computer''s interface allows,
-          1500 bytes at most, and that no router may split. A router that tells that they are too large for the next
-          network is as good as an answer. Null where small ones are not answered.', returned: for every other computer,
+          1500 bytes at most, and that no router may split. A router that reports that they are too large for the next
+          network is as good as an answer. Null if small ones are not answered.', returned: for every other computer,
         type: dict}
     neighbour: {description: The hardware address that this computer knows for the planned address; empty for a computer in another
           network., returned: for every other computer, type: str}
-    neighbour_fixed: {description: 'Whether somebody has set that hardware address by hand, so that the kernel does not ask for it.',
-        returned: for every other computer, type: bool}
-    user_addresses: {description: 'The IPv4 addresses that its name has for the user C(nobody), or null where that was not looked
-          up.', returned: always, type: list, elements: str}
+    neighbour_fixed: {description: 'Whether a person or a program has set that hardware address, so that the kernel does not ask for
+          it.', returned: for every other computer, type: bool}
+    user_addresses: {description: 'The IPv4 addresses that its name has for the user C(nobody), or null if that was not looked up.',
+        returned: always, type: list, elements: str}
     loss: {description: 'The share of 20 further small echo requests to the planned address that have no answer, from 0
-          to 1; null where none were sent. In a large fleet they are sent to some of the computers, 32 at most.', returned: for
+          to 1; null if none were sent. In a large fleet they are sent to some of the computers, 32 at most.', returned: for
           every other computer, type: float}
-    tcp: {description: 'Where no ping is answered, what TCP port 9 (discard) of the planned address says, V(refused) where
-          the computer is there all the same, or why nothing came back. Empty where a ping is answered.', returned: for
+    tcp: {description: 'If no ping is answered, the answer of TCP port 9 (discard) of the planned address, V(refused) if
+          the computer is there all the same, or why nothing came back. Empty if a ping is answered.', returned: for
           every other computer, type: str}
     tcp_outcome: {description: 'RV(members[].tcp) as one word, a word of RV(masters[].outcome).', returned: for every other computer,
         type: str}
-    silent: {description: 'Whether no ping was answered, and within 3.5 seconds no computer on the way told why, neither this
-          computer''s kernel nor a gateway. Where no computer has the next address on the way, they would.', returned: for
-          every other computer, type: bool}
+    silent: {description: 'Whether no ping was answered, and within 3.5 seconds no computer on the way reported a reason,
+          neither this computer''s kernel nor a gateway. If no computer has the next address on the way, they would.',
+        returned: for every other computer, type: bool}
 default_routes:
   description: The default routes of this computer.
   returned: when O(action=collect)
@@ -395,14 +396,14 @@ default_routes:
     - {device: eth0, source: null, gateway: 192.168.1.1, metric: null}
   contains:
     device: {description: The interface., returned: always, type: str}
-    source: {description: 'The source address, or null where the route names none.', returned: always, type: str}
-    gateway: {description: 'The gateway, or null where the route names none.', returned: always, type: str}
-    metric: {description: 'The metric, or null where the route names none, which is the metric 0.', returned: always, type: str}
+    source: {description: 'The source address, or null if the route names none.', returned: always, type: str}
+    gateway: {description: 'The gateway, or null if the route names none.', returned: always, type: str}
+    metric: {description: 'The metric, or null if the route names none, which is the metric 0.', returned: always, type: str}
 claims:
-  description: Who answers for an address on the networks of this computer, asked by ARP without an address of its
-    own, so that it changes nothing. The own addresses, for which no other computer is to answer, and those of O(members)
-    and of gateways, for which one computer is. Empty where the kernel does not allow it, and without an interface
-    of Ethernet.
+  description: The computers that answer for an address on the networks of this computer, asked by ARP without an
+    address of its own, so that it changes nothing. The own addresses, for which no other computer is to answer,
+    and those of O(members) and of gateways, for which one computer is. Empty if the kernel does not allow it, and
+    without an interface of Ethernet.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -414,34 +415,34 @@ claims:
     macs: {description: The hardware addresses of all who answered; for the own address there should be no answer., returned: always,
         type: list, elements: str}
 policy:
-  description: What decides beside the routes of the main table where packets go.
+  description: The rules and tables that decide about packets besides the routes of the main table.
   returned: when O(action=collect)
   type: dict
   sample: {rules: ['100: from all to 192.168.12.0/24 lookup 77'], closed: [blackhole 192.168.12.5]}
   contains:
-    rules: {description: 'The rules beside the kernel''s own, as C(ip rule) prints them, 100 at most.', returned: always,
+    rules: {description: 'The rules without the kernel''s own, as C(ip rule) prints them, 100 at most.', returned: always,
         type: list, elements: str}
     closed: {description: 'The routes of all tables that lead nowhere, as C(ip route) prints them, 100 at most.', returned: always,
         type: list, elements: str}
 name_sources:
-  description: Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf)
-    says it. Empty where it says nothing.
+  description: The sources for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf)
+    says it. Empty if it says nothing.
   returned: when O(action=collect), but not for the router
   type: list
   elements: str
   sample: [files, dns]
 forwarding:
-  description: What decides whether packets pass from one network to another through this computer.
+  description: The values that decide about packets from one network to another through this computer.
   returned: when O(action=collect)
   type: dict
   sample: {ip_forward: 1, interfaces: [{interface: eth0, addresses: [192.168.1.201], forwarding: 1, rp_filter: 2, send_redirects: 1,
           prefixes: [24], mtu: 1500, mac: '02:42:c0:a8:01:c9', state: up, carrier_changes: 2, last: '', power_save: null}],
       icmp_echo_ignore_all: 0, macs: ['02:42:c0:a8:01:c9']}
   contains:
-    ip_forward: {description: 'C(net.ipv4.ip_forward), or null where it cannot be read.', returned: always, type: int}
+    ip_forward: {description: 'C(net.ipv4.ip_forward), or null if it cannot be read.', returned: always, type: int}
     interfaces: {description: The interfaces that have an IPv4 address., returned: always, type: list, elements: dict}
-    icmp_echo_ignore_all: {description: 'C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot
-          be read.', returned: always, type: int}
+    icmp_echo_ignore_all: {description: 'C(net.ipv4.icmp_echo_ignore_all), V(1) if the kernel answers no pings, or null if it cannot be
+          read.', returned: always, type: int}
     macs: {description: 'The hardware addresses of all interfaces that are up, also of those without an address, such as
           the ports of a bridge.', version_added: 1.1.0, returned: always, type: list, elements: str}
 masters:
@@ -467,8 +468,8 @@ masters:
           or V(reset) (C(ECONNRESET)).', returned: always, type: str}
     errno: {description: 'The number of the error of the kernel here, or null.', returned: always, type: int}
     route: {description: 'The route that the kernel takes to that address, as RV(members[].route).', returned: always, type: dict}
-    roscore: {description: 'What the TCP port of its roscore answers, by O(masters[].uri), V(open) or why it does not open;
-          empty where the URI is not given.', returned: always, type: str}
+    roscore: {description: 'The answer of the TCP port of its roscore, by O(masters[].uri), V(open) or why it does not open;
+          empty if the URI is not given.', returned: always, type: str}
     roscore_outcome: {description: 'The same as one word, as RV(masters[].outcome).', returned: always, type: str}
     clock_offset_s: {description: 'How many seconds its clock is ahead of this computer''s by C(getCurrentTime), or null without an
           answer.', returned: always, type: float}
@@ -487,12 +488,12 @@ roscore:
         type: str}
     error: {description: 'Why there was no answer, or empty.', returned: always, type: str}
     outcome: {description: 'The same as one word, V(answered), or as RV(masters[].outcome).', returned: always, type: str}
-    tcp_outcome: {description: 'Where no answer came, what a TCP connection to it gave, a word of RV(masters[].outcome). V(open)
-          where the kernel takes it.', version_added: 1.1.0, returned: always, type: str}
-    waiting: {description: 'Where no answer came, how many connections wait at its port to be taken, null where it is not on
-          this computer.', version_added: 1.1.0, returned: always, type: int}
+    tcp_outcome: {description: 'If no answer came, the outcome of a TCP connection to it, a word of RV(masters[].outcome). V(open)
+          if the kernel takes it.', version_added: 1.1.0, returned: always, type: str}
+    waiting: {description: 'If no answer came, how many connections wait at its port to be taken, null if it is not on this
+          computer.', version_added: 1.1.0, returned: always, type: int}
 list_masters:
-  description: What C(rosservice call /master_discovery/list_masters) prints on this computer.
+  description: The answer of C(rosservice call /master_discovery/list_masters) on this computer.
   returned: when O(action=collect)
   type: dict
   sample: {masters: [{name: kobuki1computer, uri: 'http://kobuki1computer:11311/', online: true, monitoruri: 'http://192.168.1.229:11611'}],
@@ -503,7 +504,7 @@ list_masters:
         returned: always, type: float}
     error: {description: 'Why the last call failed, or empty.', returned: always, type: str}
 topics:
-  description: What the talkers of the other computers say here.
+  description: The texts of the talkers of the other computers, as heard here.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -516,34 +517,34 @@ topics:
     topic: {description: Its topic., returned: always, type: str}
     publishers: {description: 'The publishers of the topic as the roscore of this computer''s robot knows them, as C(rostopic
           info) shows.', returned: always, type: list, elements: dict}
-    reached: {description: 'Where a publisher is registered and nothing was heard, V(open) if a TCP connection to its URI opens,
+    reached: {description: 'If a publisher is registered and nothing was heard, V(open) if a TCP connection to its URI opens,
           else why not; empty otherwise.', returned: always, type: str}
     reached_outcome: {description: 'The same as one word, as RV(masters[].outcome).', returned: always, type: str}
-    step: {description: 'Where nothing was heard, how far the call to a publisher has come. V(told), the roscore has told
-          the listener of it; V(answered), it has said where its topic is to be had; V(connected), its data port is
-          open. Empty otherwise, and where the roscore has told of none.', returned: always, type: str}
+    step: {description: 'If nothing was heard, how far the call to a publisher has come. V(told), the roscore has announced
+          it to the listener; V(answered), it has named the port of its topic; V(connected), its data port is open.
+          Empty otherwise, and if the roscore has announced none.', returned: always, type: str}
     listened: {description: Whether the listener of this computer ran., returned: always, type: bool}
-    heard: {description: Whether a subscriber on this computer hears what this run's talker says., returned: always, type: bool}
-    text: {description: What it heard., returned: always, type: str}
+    heard: {description: Whether a subscriber on this computer hears the text of this run's talker., returned: always, type: bool}
+    text: {description: The text that it heard., returned: always, type: str}
     seconds: {description: 'After how many seconds of listening, or null if it heard nothing.', returned: always, type: float}
     error: {description: 'Why nothing was heard, or empty.', returned: always, type: str}
 outsiders:
   description: The senders of heartbeats that the discovery node of this computer ignores, since they do not belong
-    to the fleet. Empty where the nodes are not the collection's own.
+    to the fleet. Empty if the nodes are not the collection's own.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
     - {address: 192.168.1.66, name: rogue, uri: 'http://rogue:11311/', why: it is no robot of the fleet}
   contains:
-    address: {description: From where it sends., returned: always, type: str}
+    address: {description: The address from which it sends., returned: always, type: str}
     name: {description: 'The name that it says, or empty.', returned: always, type: str}
     uri: {description: 'The URI of its master, or empty.', returned: always, type: str}
     why: {description: Why it is ignored., returned: always, type: str}
 sources:
-  description: What discovery nodes have of topics. The own one is asked for all that the roscore has, another one
-    for those of talkers that are to be heard here and that the own roscore has not. Where O(is_master=false) it
-    is empty.
+  description: The topics in the states of discovery nodes. The own one is asked for all that the roscore has, another
+    one for those of talkers that are to be heard here and that the own roscore has not. If O(is_master=false),
+    it is empty.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -559,8 +560,8 @@ sources:
     outcome: {description: 'The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable),
           V(no_local_port), V(unknown_name) or V(failed).', returned: always, type: str}
 exchange:
-  description: What the roscore of this computer holds, by the robot that it is of, read at the end of the looking.
-    Where O(is_master=false) it is empty, and RV(exchange.error) says so.
+  description: The contents of the roscore of this computer, by the robot that it is of, read at the end of the
+    run. If O(is_master=false), it is empty, and RV(exchange.error) says so.
   returned: when O(action=collect)
   type: dict
   sample: {error: '', types_error: '', topics: [{name: /odom, type: nav_msgs/Odometry, publishers: [/base], subscribers: [],
@@ -574,8 +575,8 @@ exchange:
     types_error: {description: 'Why the md5 sums are not known, or empty.', returned: always, type: str}
     topics: {description: The topics that the robot's own nodes have registered., returned: always, type: list, elements: dict}
     services: {description: The services of the robot's own nodes., returned: always, type: list, elements: dict}
-    imports: {description: 'What is registered for other masters, by the parameter C(/rosfleet_multimaster/imports), or by
-          the service C(get_sync_info) of another implementation of master_sync.', returned: always, type: list, elements: dict}
+    imports: {description: 'The registrations for other masters, by the parameter C(/rosfleet_multimaster/imports), or by the
+          service C(get_sync_info) of another implementation of master_sync.', returned: always, type: list, elements: dict}
     silent: {description: The robot's own nodes that are registered and do not answer at their URI., returned: always, type: list,
         elements: str}
     silences: {description: 'The same, with the reason of each.', returned: always, type: list, elements: dict}
@@ -591,7 +592,7 @@ exchange:
     types_outcome: {description: 'What became of the question for the md5 sums, V(answered), V(no_answer) where its time was over,
           or V(failed).', returned: always, type: str}
 traffic:
-  description: What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters
+  description: The traffic of the robot's nodes to nodes of other robots, on the computer of a roscore. Their counters
     (C(getBusStats)) were read twice.
   returned: when O(action=collect)
   type: dict
@@ -614,10 +615,10 @@ relays:
     robot: {description: The robot., returned: always, type: str}
     host: {description: Its address., returned: always, type: str}
     port: {description: The TCP port of its relay., returned: always, type: int}
-    outcome: {description: 'What became of the question what it offers, V(answered), or as RV(masters[].outcome).', returned: always,
+    outcome: {description: 'The outcome of the question for its offers, V(answered), or as RV(masters[].outcome).', returned: always,
         type: str}
     data_port: {description: 'The TCP port of its data, as it answers, or 0.', returned: always, type: int}
-    data_outcome: {description: 'What a TCP connection to that port gave, as RV(masters[].outcome).', returned: always, type: str}
+    data_outcome: {description: 'The outcome of a TCP connection to that port, as RV(masters[].outcome).', returned: always, type: str}
     error: {description: 'Why one of the two failed, or empty.', returned: always, type: str}
     crossing: {description: 'Two of the topics that come from that robot alone, none of images or point clouds if there are
           others.', returned: always, type: list, elements: dict}
@@ -642,31 +643,31 @@ clock:
   sample: {synchronised: true, answers: true, service: chrony, sources: [{address: 192.168.1.201, selected: true, reachable: true,
           offset_s: 0.0001}]}
   contains:
-    synchronised: {description: 'Whether something keeps it right, such as chrony, as the kernel knows it; null where it does not
-          tell.', returned: always, type: bool}
-    answers: {description: 'Whether a time service answers, or null where none was asked.', version_added: 1.1.0, returned: always,
+    synchronised: {description: 'Whether something keeps it right, such as chrony, as the kernel knows it; null if it does not report
+          that.', returned: always, type: bool}
+    answers: {description: 'Whether a time service answers, or null if none was asked.', version_added: 1.1.0, returned: always,
         type: bool}
     service: {description: 'The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.', version_added: 1.1.0,
         returned: always, type: str}
     sources: {description: 'The sources of time that it has, at most 32. Those without an address, such as a radio clock, are
           left out.', version_added: 1.1.0, returned: always, type: list, elements: dict}
 tunnel:
-  description: The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for.
+  description: The tunnel of the collection on this computer, as WireGuard shows it. No private key is asked for.
   version_added: 1.1.0
   returned: when O(action=collect)
   type: dict
   sample: {up: true, public_key: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=, port: 51820, time_s: 1764147600.0, mtu: 1420,
       peers: []}
   contains:
-    up: {description: 'Whether there is one, or null where it was not looked at.', returned: always, type: bool}
+    up: {description: 'Whether there is one, or null if it was not looked at.', returned: always, type: bool}
     public_key: {description: 'The public half of its own key, or empty.', returned: always, type: str}
     port: {description: 'Its UDP port, or 0.', returned: always, type: int}
-    time_s: {description: 'The time of its clock, in seconds since 1970, or null where the tunnel was not looked at.', returned: always,
+    time_s: {description: 'The time of its clock, in seconds since 1970, or null if the tunnel was not looked at.', returned: always,
         type: float}
     mtu: {description: 'The largest packet that it takes, in bytes, or 0.', returned: always, type: int}
     peers: {description: The other computers that it lets in., returned: always, type: list, elements: dict}
 disks:
-  description: The room that is left for others than root where services write, each file system once.
+  description: The room that is left for others than root on the disks of services, each file system once.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -675,7 +676,7 @@ disks:
   contains:
     path: {description: The first of the folders on it., returned: always, type: str}
     free_bytes: {description: Bytes., returned: always, type: int}
-    free_files: {description: 'Files, or null where the file system does not count them.', returned: always, type: int}
+    free_files: {description: 'Files, or null if the file system does not count them.', returned: always, type: int}
 file_limits:
   description: Processes of ROS that may open more than 1048576 files, once for each unit, 20 at most.
   returned: when O(action=collect)
@@ -733,24 +734,23 @@ node_hosts:
     node: {description: 'The name of the node in its command line, or its program.', returned: always, type: str}
     master: {description: 'The URI of the roscore that it uses, if that is not the planned one; else empty.', returned: always,
         type: str}
-    starter: {description: 'What has started it, V(shell), V(unit), V(launch) for roslaunch, or V(container).', returned: always,
-        type: str}
+    starter: {description: 'Its starter, V(shell), V(unit), V(launch) for roslaunch, or V(container).', returned: always, type: str}
     launch: {description: 'The name of the launch file, or empty.', returned: always, type: str}
     stopped: {description: Whether it is stopped by a signal or a debugger., returned: always, type: bool}
     readable: {description: Whether its environment can be read; in some containers root may not., returned: always, type: bool}
     apart: {description: 'Whether it is in a network of its own, as a container of a bridge is: its ports are not there on
           the computer.', returned: always, type: bool}
 changes:
-  description: When files were changed and services were started that may decide names and packet filters. What
-    a kernel was told by hand has no time.
+  description: When files were changed and services were started that may decide names and packet filters. A change
+    of a kernel by hand has no time.
   returned: when O(action=collect)
   type: list
   elements: dict
   sample:
     - {about: names, what: /etc/hosts, how: was changed, when: '2026-11-22 09:12:44 UTC'}
   contains:
-    about: {description: 'What it decides, V(names), the V(order) of name services, the rules of V(ufw), V(firewalld), V(docker),
-          V(libvirtd) or V(fail2ban), or those of a table of nftables, such as V(table inet filter).', returned: always,
+    about: {description: 'The subject of its decision, V(names), the V(order) of name services, the rules of V(ufw), V(firewalld),
+          V(docker), V(libvirtd) or V(fail2ban), or those of a table of nftables, such as V(table inet filter).', returned: always,
         type: str}
     what: {description: The file or the service., returned: always, type: str}
     how: {description: V(was changed) or V(was started)., returned: always, type: str}
@@ -772,29 +772,29 @@ services:
     sub_state: {description: C(SubState) of systemd., returned: always, type: str}
     restarts: {description: How often systemd had to start it again by itself., returned: always, type: int}
     differing: {description: 'The variables of O(environment_file) and of O(variables) that its running process has with another
-          value, or not at all. Null where the process cannot be looked at.', returned: always, type: list, elements: str}
-    drop_ins: {description: The drop-in files of its unit that set variables. They are looked for where some variables differ.,
+          value, or not at all. Null if the process cannot be looked at.', returned: always, type: list, elements: str}
+    drop_ins: {description: The drop-in files of its unit that set variables. They are looked for if some variables differ.,
         returned: always, type: list, elements: str}
-    since: {description: 'C(StateChangeTimestamp) of systemd, when it became what it is, empty where it never ran.', returned: always,
-        type: str}
+    since: {description: 'C(StateChangeTimestamp) of systemd, the time of its last change of state, empty if it never ran.',
+        returned: always, type: str}
     stopped: {description: 'Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.', returned: always,
         type: bool}
-    refused: {description: 'The names of other robots that this service refuses, as master_sync tells systemd.', returned: always,
-        type: list, elements: str}
-    refusals: {description: 'The same names with the reasons, 50 at most; a master_sync of an older release tells none.', version_added: 1.1.0,
-        returned: always, type: list, elements: dict}
+    refused: {description: 'The names of other robots that this service refuses, as master_sync reports them to systemd.',
+        returned: always, type: list, elements: str}
+    refusals: {description: 'The same names with the reasons, 50 at most; a master_sync of an older release reports none.',
+        version_added: 1.1.0, returned: always, type: list, elements: dict}
     age_s: {description: 'The seconds since its last start, by a clock of this computer that nobody steps, or null.', returned: always,
         type: float}
-    open_files: {description: 'How many files its process with the fewest left has open, or null where it cannot be looked at.',
+    open_files: {description: 'How many files its process with the fewest left has open, or null if it cannot be looked at.',
         returned: always, type: int}
     most_files: {description: 'How many files this process may have open (C(RLIMIT_NOFILE)), or null.', returned: always, type: int}
-    result: {description: 'How it ended last, where systemd has started it again, or it has failed. C(Result) of systemd,
-          such as V(oom-kill), V(signal) or V(exit-code), or V(watchdog) where multimaster-watchdog.service has ended
-          it. Empty where nothing is known.', version_added: 1.1.0, returned: always, type: str}
+    result: {description: 'How it ended last, if systemd has started it again, or it has failed. C(Result) of systemd, such
+          as V(oom-kill), V(signal) or V(exit-code), or V(watchdog) if multimaster-watchdog.service has ended it. Empty
+          if nothing is known.', version_added: 1.1.0, returned: always, type: str}
     status: {description: 'The exit status of its process then, or the number of the signal that ended it, or null.', version_added: 1.1.0,
         returned: always, type: int}
 next_boot:
-  description: What works now, or not, and will not be as O(boot) and O(services) say after the next boot.
+  description: Things that work now, or not, and will not be as O(boot) and O(services) say after the next boot.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -805,8 +805,8 @@ next_boot:
     kind: {description: 'V(unit) for a service, V(sysctl) for a kernel setting, V(route), or V(names) for C(/etc/hosts).',
         returned: always, type: str}
     name: {description: 'The unit, the setting, the route or the file.', returned: always, type: str}
-    expected: {description: What the plan has., returned: always, type: str}
-    found: {description: What the files of this computer will bring., returned: always, type: str}
+    expected: {description: The planned value., returned: always, type: str}
+    found: {description: The value by the files of this computer., returned: always, type: str}
     file: {description: The file that decides; empty if none does., returned: always, type: str}
     when: {description: 'The time of the last change of this file, or an empty text without a file.', returned: always,
         type: str}
@@ -827,7 +827,7 @@ talker:
     failed: {description: Whether it should run and could not be started., returned: when O(action=start), type: bool}
     msg: {description: The same as a sentence., returned: when O(action=start) and it was not started, type: str}
 ros_missing:
-  description: Why no node can run on this computer, or empty where ROS is set up.
+  description: Why no node can run on this computer, or empty if ROS is set up.
   returned: when O(action=collect)
   type: str
   sample: ''
@@ -846,17 +846,17 @@ streams:
     - {computer: kobuki2computer, mbit_s: 93.4, error: ''}
   contains:
     computer: {description: The computer., returned: always, type: str}
-    mbit_s: {description: How many megabits came there in a second; null where that is not known., returned: always, type: float}
+    mbit_s: {description: How many megabits came there in a second; null if that is not known., returned: always, type: float}
     error: {description: 'Why it is not known, or empty.', returned: always, type: str}
 multicast:
-  description: What M(rosfleet.multimaster.multicast_verify) with the same action returns; where that fails, V(failed)
+  description: The result of M(rosfleet.multimaster.multicast_verify) with the same action; if that fails, V(failed)
     and the sentence in C(msg).
   returned: when O(multicast), with O(action=start) or O(action=collect)
   type: dict
   sample: {udp: [], heard: [], missing: [], unexpected: [], msg: Every other computer (0) is heard on the group and hears
         this one.}
 machine:
-  description: What M(rosfleet.multimaster.multimaster_info) returns.
+  description: The result of M(rosfleet.multimaster.multimaster_info).
   returned: when O(action=start) and O(look)
   type: dict
   sample: {problems: [], hostname: kobuki1computer, owned: [routes, sysctl]}
@@ -866,7 +866,7 @@ seconds:
   type: float
   sample: 2.3
 msg:
-  description: What was done, in a sentence.
+  description: The result, in a sentence.
   returned: always
   type: str
   sample: Looked at 2 computers in 2.3 s.

@@ -4,13 +4,13 @@
 
 DOCUMENTATION = r"""
 module: multimaster_watch
-short_description: Watch a computer of a fleet for a while, and report what is lost and when
+short_description: Watch a computer of a fleet for a while, and report the losses and their times
 version_added: "1.0.0"
 description:
-  - Watches on this computer what costs little. These are the heartbeats of the discovery nodes of all masters (on the
+  - Watches values of this computer that cost little to read. These are the heartbeats of the discovery nodes of all masters (on the
     group, and by any way), the membership of the group, addresses and links, routes, kernel settings,
     services, the TCP ports of the discovery nodes, C(/etc/hosts) and steps of the clock.
-  - The values of the first look are those to keep, so verify the fleet before. What differs from them is lost, and what is
+  - The values of the first measurement are those to keep, so verify the fleet before. A value that differs is lost, and one that is
     as before has returned.
   - Some faults need minutes. An example is a switch with IGMP snooping and without a querier, which forgets a group after
     about 260 seconds.
@@ -77,7 +77,7 @@ options:
   until:
     description:
       - With O(action=collect), how long the watch has lasted when it answers, in seconds, for example V(30). It answers
-        earlier where something is lost, and at once with V(0). From 0 to 604800; at most 600 seconds from now.
+        earlier if something is lost, and at once with V(0). From 0 to 604800; at most 600 seconds from now.
     type: int
     default: 0
   lifetime:
@@ -129,7 +129,7 @@ seconds:
   type: float
   sample: 312.4
 events:
-  description: What was lost and what has returned, in the order of time, 500 at most.
+  description: The losses and returns, in the order of time, 500 at most.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -137,8 +137,9 @@ events:
     - {kind: group, name: kobuki2computer, well: false, expected: heard, found: silent, time: 1730000261.2, after: 261.2}
   contains:
     kind: {description: 'V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address),
-          V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock). V(readings) for the looks at all
-          of them but the heartbeats, where a look fails, or none has ended for 15 seconds.', returned: always, type: str}
+          V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock). V(readings) for the measurements
+          of all of them but the heartbeats, if a look fails, or none has ended for 15 seconds.', returned: always,
+        type: str}
     name: {description: 'The computer, interface, address, destination, setting, unit or file.', returned: always, type: str}
     well: {description: Whether it has returned; false for a loss., returned: always, type: bool}
     expected: {description: The first value., returned: always, type: str}
@@ -152,7 +153,7 @@ dropped:
   type: int
   sample: 0
 lost:
-  description: What is lost now.
+  description: The values that are lost now.
   returned: when O(action=collect)
   type: list
   elements: dict
@@ -162,7 +163,7 @@ lost:
     kind: {description: 'As in RV(events[].kind).', returned: always, type: str}
     name: {description: 'As in RV(events[].name).', returned: always, type: str}
 msg:
-  description: What was found, in a sentence.
+  description: The result, in a sentence.
   returned: always
   type: str
   sample: 23 values are watched since 312 s; 1 of them is lost.
@@ -187,7 +188,7 @@ Result = typing.Dict[str, typing.Any]
 
 
 def find_wrong_setting(params: Params) -> typing.Optional[str]:
-    """Say in one sentence which option cannot be used; None where all can."""
+    """Name in one sentence the option that cannot be used; None if all can."""
     bounds = (("port", 1, 65535), ("until", 0, 604800), ("lifetime", 1, 604800))
     return background.find_wrong_value(params, bounds) or find_wrong_place(params)
 

@@ -14,7 +14,7 @@ description:
   - Foreign routes, made by a person or another program, stay. One that is already as wanted is adopted, which means that it is brought back at boot,
     and that it stays when it is no longer listed. One with the same destination, table and metric and another way
     is a conflict, see O(on_conflict). The routes that the kernel makes for the addresses of an interface are never replaced.
-  - What this module made is recorded. A route that is no longer listed is taken back, so that an empty list takes back everything,
+  - The routes of this module are recorded. A route that is no longer listed is taken back, so that an empty list takes back everything,
     and gives their place back to the routes that it had replaced.
   - When something fails half way, everything is put back, the kernel's routes and the files.
   - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
@@ -23,9 +23,9 @@ notes:
   - With C(ifupdown), the routes are in the hook C(/etc/network/if-up.d/rosfleet-multimaster), which C(ifup) runs.
   - With C(networkd), they are in a drop-in C(90-rosfleet-multimaster.conf) of the C(.network) file that configures the interface.
     systemd-networkd is then restarted. By itself that would delete foreign addresses, routes and rules, so files below C(/run/systemd)
-    tell it to leave alone what it finds (C(KeepConfiguration=static), C(ManageForeignRoutes=no), C(ManageForeignRoutingPolicyRules=no)).
+    let it keep all that it finds (C(KeepConfiguration=static), C(ManageForeignRoutes=no), C(ManageForeignRoutingPolicyRules=no)).
     They are in force until the next boot.
-  - Before systemd 249, and where an interface of systemd-networkd has an address by DHCP or router advertisements, or may get one,
+  - Before systemd 249, and if an interface of systemd-networkd has an address by DHCP or router advertisements, or may get one,
     systemd-networkd is not restarted. It reads the routes at the next boot, and a warning says so.
   - With C(networkmanager), they are added to the profile that is active on the interface, and with C(netplan) they are in
     C(/etc/netplan/90-rosfleet-multimaster.yaml).
@@ -80,7 +80,7 @@ options:
         default: false
       type:
         description:
-          - What happens to what is sent there, for example V(blackhole).
+          - The fate of packets that are sent there, for example V(blackhole).
         type: str
         default: unicast
         choices:
@@ -99,7 +99,7 @@ options:
           host: On this computer.
       mtu:
         description:
-          - The size in bytes of the largest packet on this way, for example V(1400). The default is what the kernel finds out itself.
+          - The size in bytes of the largest packet on this way, for example V(1400). By default the kernel finds it out itself.
         type: int
       advmss:
         description:
@@ -112,11 +112,11 @@ options:
         type: int
       backend:
         description:
-          - What brings the route back at boot, for example V(none).
+          - The program that brings the route back at boot, for example V(none).
         type: str
         default: auto
         choices:
-          auto: What O(backends) says for the interface, else what manages the interface now.
+          auto: The program that O(backends) names for the interface, else the one that manages the interface now.
           ifupdown: The hook of C(ifup).
           networkd: systemd-networkd.
           networkmanager: NetworkManager.
@@ -124,7 +124,7 @@ options:
           none: Nothing, the route is made at run time only.
   backends:
     description:
-      - What brings the routes of an interface back at boot, by interface, where it is not to be found out, for example
+      - The program that brings the routes of an interface back at boot, by interface, if it cannot be found out, for example
         V(ifupdown) for C(eth0). The values are those of O(routes[].backend).
     type: dict
     default: {}
@@ -139,13 +139,13 @@ options:
       replace: Take its place at run time, and give it back when the route is no longer listed.
   root:
     description:
-      - The root folder under which the files of the boot part lie, for example V(/mnt/image) for the image of a machine, where O(backends)
+      - The root folder of the files of the boot part, for example V(/mnt/image) for the image of a machine, if O(backends)
         has to be given. Routes at run time and the record are those of the running machine, not of the image.
     type: path
     default: /
   records:
     description:
-      - The folder of the record of what this module made, for example V(/var/lib/rosfleet-multimaster).
+      - The folder of the record of the routes of this module, for example V(/var/lib/rosfleet-multimaster).
     type: path
     default: /var/lib/rosfleet-multimaster
 seealso:
@@ -179,7 +179,7 @@ EXAMPLES = r"""
       - destination: 192.168.10.0/24
         gateway: 192.168.1.202
 
-- name: Multicast by the wire whatever the default route is, and what is for no robot goes nowhere
+- name: Multicast by the wire whatever the default route is, and packets for no robot go nowhere
   rosfleet.multimaster.routes:
     routes:
       - destination: 226.0.0.0/8
@@ -194,7 +194,7 @@ EXAMPLES = r"""
 
 RETURN = r"""
 routes:
-  description: What was found and done per route, in the order of the list.
+  description: The result per route, in the order of the list.
   returned: always, unless an option is wrong
   type: list
   elements: dict
@@ -205,12 +205,12 @@ routes:
       returned: always
       sample: default
     gateway:
-      description: The next computer on the way, null where the destination is on the link or there is no way.
+      description: The next computer on the way, null if the destination is on the link or there is no way.
       type: str
       returned: always
       sample: 192.168.11.101
     device:
-      description: The interface, also where it was found by the gateway; null for a type without a way.
+      description: The interface, also if it was found by the gateway; null for a type without a way.
       type: str
       returned: always
       sample: eth0
@@ -225,7 +225,7 @@ routes:
       returned: always
       sample: 254
     source:
-      description: The preferred address of the sender, null where the kernel chooses.
+      description: The preferred address of the sender, null if the kernel chooses.
       type: str
       returned: always
       sample: 192.168.11.100
@@ -240,17 +240,17 @@ routes:
       returned: always
       sample: link
     mtu:
-      description: The size of the largest packet in bytes, null where the kernel finds it out.
+      description: The size of the largest packet in bytes, null if the kernel finds it out.
       type: int
       returned: always
       sample: 1400
     advmss:
-      description: The size of the largest TCP segment in bytes that is asked of the other side, null where the kernel chooses.
+      description: The size of the largest TCP segment in bytes that is asked of the other side, null if the kernel chooses.
       type: int
       returned: always
       sample: 1360
     initcwnd:
-      description: The number of TCP segments that are sent before the first answer, null where the kernel chooses.
+      description: The number of TCP segments that are sent before the first answer, null if the kernel chooses.
       type: int
       returned: always
       sample: 20
@@ -260,7 +260,7 @@ routes:
       returned: always
       sample: unicast
     backend:
-      description: What brings it back at boot.
+      description: The program that brings it back at boot.
       type: str
       returned: always
       sample: ifupdown
@@ -280,7 +280,7 @@ routes:
       returned: always
       sample: /etc/network/if-up.d/rosfleet-multimaster
     changed:
-      description: Whether the kernel's route changed or what brings it back at boot.
+      description: Whether the kernel's route changed, or its place for the next boot.
       type: bool
       returned: always
       sample: true
@@ -350,14 +350,14 @@ taken_back:
       sample:
     state:
       description:
-        - V(removed), V(restored) where the route came back that had been replaced, V(lost) where that one could not come back
-          as the interfaces are now, V(gone) where it was no longer there,
+        - V(removed), V(restored) if the route came back that had been replaced, V(lost) if that one could not come back
+          as the interfaces are now, V(gone) if it was no longer there,
           or V(left) if a foreign one is in its place since.
       type: str
       returned: always
       sample: removed
 other_defaults:
-  description: Foreign default routes beside one that is listed; a lower metric than that of the listed one wins.
+  description: Foreign default routes in addition to one that is listed; a lower metric than that of the listed one wins.
   returned: always, unless an option is wrong
   type: list
   elements: dict
@@ -388,7 +388,7 @@ other_defaults:
       returned: always
       sample: 254
     protocol:
-      description: Who made it, as C(ip route) says it.
+      description: The program that made it, as C(ip route) shows it.
       type: str
       returned: always
       sample: dhcp
@@ -424,7 +424,7 @@ same_connection:
   type: bool
   sample: true
 msg:
-  description: What was done, in a sentence.
+  description: The changes, in a sentence.
   returned: always
   type: str
   sample: "1 of 2 routes changed."

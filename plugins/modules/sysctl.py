@@ -10,24 +10,24 @@ description:
   - Sets kernel settings now, through C(/proc/sys), and at boot, by a drop-in that this module owns whole.
     It never changes a foreign file.
   - Computes which file decides every setting at boot, over all folders of V(sysctl.d) in the order in which they are read,
-    C(/etc/sysctl.conf) where something reads it, ufw's own file, systemd-networkd and docker.
+    C(/etc/sysctl.conf) if something reads it, ufw's own file, systemd-networkd and docker.
     A setting that would have another value after the next boot is a conflict, see O(on_conflict).
   - C(net/ipv4/ip_forward), C(-net.ipv4.ip_forward) and C(net.ipv4.ip_forward) are one key,
     and so is C(net.ipv4.conf.all.forwarding), which is another name of the same variable of the kernel.
   - The values from before are recorded. A setting that is no longer listed is taken back,
     so that an empty list takes back everything. A value that was changed by hand since then is left and named.
-  - Check mode asks the kernel what it makes of values below V(net), in an empty network namespace, and fails where the run would.
-    Where that is not possible, as in most containers, a warning names the values that it cannot judge.
+  - Check mode has the kernel try values below V(net), in an empty network namespace, and fails if the run would.
+    If that is not possible, as in most containers, a warning names the values that it cannot judge.
   - A key that comes with a kernel module (V(net.netfilter.nf_conntrack_max), V(net.bridge.bridge-nf-call-iptables) and the like) is not
     there when the settings are made at boot, if the module is loaded later. So rules of udev
     (C(/etc/udev/rules.d/90-rosfleet-multimaster.rules)) set it when the module comes.
-  - The kernel changes other keys beside some keys, for example those of every interface with C(net.ipv4.ip_forward),
+  - With some keys, the kernel changes others, for example those of every interface with C(net.ipv4.ip_forward),
     C(net.ipv4.conf.default.rp_filter) or C(net.ipv6.conf.all.disable_ipv6). This module knows them, writes such a key first, and
     so gives every listed key its own value.
   - The settings are written in the order of the list, after the keys that change others, and are taken back in the reverse order.
     So two keys of which the kernel refuses one while the other has its present value are to be listed in the order that works.
   - When a write fails half way, the values that were written before it are put back, with those that the kernel has changed
-    beside them, and the drop-in is untouched. Addresses and routes that the kernel removes with V(disable_ipv6) do not come back with
+    with them, and the drop-in is untouched. Addresses and routes that the kernel removes with V(disable_ipv6) do not come back with
     the value; the failure says so.
   - With O(confirm_within), a change that cuts the controller off is taken back by the machine itself.
 extends_documentation_fragment:
@@ -44,13 +44,13 @@ options:
       name:
         description:
           - The key, with dots or slashes as in C(sysctl.d(5\)), for example V(net.ipv4.ip_forward)
-            or, where an interface has a dot in its name, V(net.ipv4.conf.eth0/100.rp_filter). Patterns are not allowed.
+            or, if an interface has a dot in its name, V(net.ipv4.conf.eth0/100.rp_filter). Patterns are not allowed.
         type: str
         required: true
       value:
         description:
           - The value as the kernel says it, for example V("1"); several numbers are separated by spaces, for example
-            V("4096 131072 6291456"). A boolean stands for V("1") or V("0").
+            V("4096 131072 6291456"). A boolean means V("1") or V("0").
         type: raw
         required: true
       ignore_missing:
@@ -82,7 +82,7 @@ options:
       report: Apply the settings, warn, and return the conflicts.
   root:
     description:
-      - The root folder under which the configuration files lie, for example V(/mnt/image) for the image of a machine.
+      - The root folder of the configuration files, for example V(/mnt/image) for the image of a machine.
         Values at run time and the record are those of O(proc) and O(records), not of the image.
     type: path
     default: /
@@ -136,7 +136,7 @@ EXAMPLES = r"""
 
 RETURN = r"""
 settings:
-  description: What was found and done per setting; those that change others come first.
+  description: The result per setting; those that change others come first.
   returned: always, unless an option is wrong
   type: list
   elements: dict
@@ -152,7 +152,7 @@ settings:
       returned: always
       sample: "1"
     runtime_before:
-      description: The value before the run, null where there is no such key or it cannot be read.
+      description: The value before the run, null if there is no such key or it cannot be read.
       type: str
       returned: always
       sample: "0"
@@ -162,7 +162,7 @@ settings:
       returned: always
       sample: "1"
     boot_value:
-      description: The value that the next boot sets, null where nothing sets it.
+      description: The value that the next boot sets, null if nothing sets it.
       type: str
       returned: always
       sample: "1"
@@ -180,7 +180,7 @@ settings:
       description:
         - V(ok) or V(changed), or why it cannot be set. V(missing) means that this kernel has no such key
           (no failure with O(settings[].ignore_missing)),
-          V(read_only) that it lies on a read-only mount, V(denied) that the user may not write it,
+          V(read_only) that it is on a read-only mount, V(denied) that the user may not write it,
           V(invalid) that the kernel refuses the value.
       type: str
       returned: always
@@ -202,12 +202,12 @@ settings:
           returned: always
           sample: /etc/ufw/sysctl.conf
         line:
-          description: The line, V(0) where the whole file decides.
+          description: The line, V(0) if the whole file decides.
           type: int
           returned: always
           sample: 17
         value:
-          description: The value that it sets, null where nothing sets any.
+          description: The value that it sets, null if nothing sets any.
           type: str
           returned: always
           sample: "1"
@@ -234,7 +234,7 @@ taken_back:
       returned: always
       sample: net.ipv4.ip_forward
     runtime_before:
-      description: The value before the run, null where the key is gone.
+      description: The value before the run, null if the key is gone.
       type: str
       returned: always
       sample: "1"
@@ -256,7 +256,7 @@ taken_back:
       returned: always
       sample: restored
 also_changed:
-  description: Keys that somebody had set apart and that the kernel changed beside a listed one, such as C(net.ipv4.ip_forward).
+  description: Keys with a value of their own that the kernel changed with a listed one, such as C(net.ipv4.ip_forward).
   returned: always, unless an option is wrong
   type: list
   elements: dict
@@ -308,7 +308,7 @@ same_connection:
   type: bool
   sample: true
 msg:
-  description: What was done, in a sentence.
+  description: The changes, in a sentence.
   returned: always
   type: str
   sample: "1 of 2 kernel settings changed."

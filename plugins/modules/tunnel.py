@@ -4,15 +4,15 @@
 
 DOCUMENTATION = r"""
 module: tunnel
-short_description: Bring the tunnel of a computer to its plan, and take it back where it cuts the controller off
+short_description: Bring the tunnel of a computer to its plan, and take it back if it cuts the controller off
 version_added: "1.1.0"
 description:
   - Owns the files of C(multimaster-tunnel.service), as M(rosfleet.multimaster.managed_files) owns a bundle. That unit starts by them;
     M(rosfleet.multimaster.managed_services) starts it again.
   - With O(confirm_within), the tunnel is up by copies of the new files first. They are written when the controller has reached the computer
     over a new connection; else the unit starts again by the files of before. Ansible may reach a robot by the tunnel itself.
-  - Takes a key that M(rosfleet.multimaster.tunnel_key) has made into use where the files name its public half, and removes all keys
-    of the tunnel with the last file. An interface or a table that somebody has removed under the running unit is made again.
+  - Takes a key that M(rosfleet.multimaster.tunnel_key) has made into use if the files name its public half, and removes all keys
+    of the tunnel with the last file. An interface or a table that a person or a program has removed under the running unit is made again.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
   - rosfleet.multimaster.confirmation
@@ -93,7 +93,7 @@ same_connection:
   type: bool
   sample: true
 msg:
-  description: A sentence on all that was done; after a failure, on what was found, what was expected and what to do.
+  description: A sentence on the changes; after a failure, on the found value, the expected one and the remedy.
   returned: always
   type: str
   sample: 2 files of the bundle tunnel were written, 0 removed and 0 were right.

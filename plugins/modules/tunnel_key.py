@@ -9,9 +9,9 @@ short_description: Make the key of a computer in the tunnel, and return its publ
 version_added: "1.1.0"
 description:
   - Makes a private key of WireGuard on a computer that has none. The key stays there, and no answer and no difference shows it.
-  - A new key waits in a file beside the one in use, whose name ends in C(.next). M(rosfleet.multimaster.tunnel) takes it into use with
+  - A new key waits in a file next to the one in use, whose name ends in C(.next). M(rosfleet.multimaster.tunnel) takes it into use with
     the tunnel that was confirmed, and removes all keys with the tunnel.
-  - A file that others than root may read is refused, since somebody may know the key.
+  - A file that others than root may read is refused, since another user may know the key.
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes
 options:
@@ -44,17 +44,17 @@ EXAMPLES = r"""
 
 RETURN = r"""
 public_key:
-  description: The public half of the key. Empty in check mode where it would be new, or where wg is not installed yet.
+  description: The public half of the key. Empty in check mode if it would be new, or if wg is not installed yet.
   returned: success
   type: str
   sample: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=
 waiting_key:
-  description: The public half of a second key, which a rotation that broke off has left beside the one in use; empty without one.
+  description: The public half of a second key, which a rotation that broke off has left next to the one in use; empty without one.
   returned: success
   type: str
   sample: ""
 msg:
-  description: One sentence on what was done, or on what prevents it.
+  description: One sentence on the change, or on the reason against it.
   returned: always
   type: str
   sample: The key was made.

@@ -41,7 +41,7 @@ def test_robots_that_talk_pass_and_drift_is_named(lab):
     assert status == 0, output
     assert "PASSED: none of" in output
     for host in ADDRESSES:
-        assert f"nothing stands against the plan: {host}" in output
+        assert f"nothing conflicts with the plan: {host}" in output
     assert f'UDP port 11511 and TCP port 11611: "python3 {UPSTREAM.program("discovery")}' in output
     for host in (FIRST, SECOND):
         assert f"the nodes on {host} were started by hand" in output

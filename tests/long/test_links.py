@@ -7,7 +7,7 @@ import os
 import time
 
 import pytest
-from setups.links import Watch, chat, cut, lossy, measure_recovery, mend, message_times, wait_until
+from setups.links import Watch, chat, cut, lossy, measure_recovery, message_times, repair, wait_until
 from subject import three_robots
 
 COMPUTERS = ("ana-pc", "bob-pc", "cid-pc")
@@ -42,7 +42,7 @@ def test_no_false_removal_while_a_third_of_frames_is_lost(lab, watches):
 def test_messages_come_again_after_minutes(lab, away):
     cut(lab, "bob-pc")
     time.sleep(away)
-    back = mend(lab, "bob-pc")
+    back = repair(lab, "bob-pc")
     time.sleep(15)
     seconds = {
         (library, here): round(measure_recovery(times, back, time.monotonic() - 1), 2)

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
-from setups.links import chat, cut, mend, message_times, wait_until
+from setups.links import chat, cut, message_times, repair, wait_until
 from subject import NODES, three_robots
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -116,7 +116,7 @@ def soaked():
         def leave():
             cut(lab, LEAVER)
             time.sleep(AWAY)
-            mend(lab, LEAVER)
+            repair(lab, LEAVER)
 
         def kill():
             lab.run("ana-pc", "systemctl kill --signal=KILL multimaster-roscore")

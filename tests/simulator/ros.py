@@ -330,7 +330,7 @@ class Ros:
     def _exchange(self, computer, robot):
         its = self.state.robots[robot]
         if its.sync == DEAD:
-            return seen.Exchange(error=f"{self.uri(robot)}: no master_sync tells what it has registered")
+            return seen.Exchange(error=f"{self.uri(robot)}: no master_sync reports its registrations")
         topics = self.own_topics(robot)
         topics += [
             seen.RegisteredTopic(topic_of(name), TALKS, (talker_of(name),), (), SUMS[TALKS])

@@ -81,7 +81,7 @@ def test_robots_set_up_by_hand_are_adopted_and_verified(untouched, tmp_path):
         assert status == 0, output
         assert "PASSED: none of" in output
         for host in addresses:
-            assert f"nothing stands against the plan: {host}" in output
+            assert f"nothing conflicts with the plan: {host}" in output
             assert f"the nodes on {host} were started by hand" in output
         assert 'UDP port 11511 and TCP port 11611: "python3 -m rosfleet_multimaster.master_discovery' in output
         status, output = untouched.module(FIRST, "multimaster_info", {"parts": ["masters"]})

@@ -9,7 +9,7 @@ All times are of the kernel's steady clock, which the containers share. The orde
 import time
 
 import pytest
-from setups.links import Watch, chat, cut, lossy, measure_recovery, mend, message_times, wait_until
+from setups.links import Watch, chat, cut, lossy, measure_recovery, message_times, repair, wait_until
 from subject import three_robots
 
 NAME = "systems-links"
@@ -92,7 +92,7 @@ def log(lab, host, since):
 def test_a_loss_of_two_seconds_removes_nothing(lab, watches):
     since = cut(lab, "bob-pc")
     time.sleep(2)
-    back = mend(lab, "bob-pc")
+    back = repair(lab, "bob-pc")
     time.sleep(4)
     print(f"the link was away for {back - since:.2f} s")
     for host, watch in watches.items():
@@ -137,7 +137,7 @@ def loss(lab, watches):
         lab.stop(host, "newcomer")
         lab.run(host, "ip neigh del 192.168.20.22 dev eth0")
     time.sleep(max(0.0, since + 70 - time.monotonic()))
-    back = mend(lab, "bob-pc")
+    back = repair(lab, "bob-pc")
     end = flow_again(lab)
     lab.stop("bob-pc", "busy0", "busy1", "busy2")
     return {"since": since, "gone": gone, "newcomers": newcomers, "back": back, "end": end}

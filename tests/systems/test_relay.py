@@ -12,8 +12,8 @@ import time
 import pytest
 from machines.podman import ROOT
 from proofs.proof import table
-from proofs.twins import tell_apart
-from setups.links import cut, mend, wait_until
+from proofs.twins import distinguish_twins
+from setups.links import cut, repair, wait_until
 from subject import NODES
 
 INVENTORY = ROOT / "inventory" / "identical_robots"
@@ -95,7 +95,7 @@ def test_what_is_played_again_at_the_station_stays_there(lab):
 
 
 def test_all_of_four_robots_is_told_apart(lab):
-    results = list(tell_apart({robot: lab.computer(host) for robot, host in ALL.items()}, lab.computer(STATION)))
+    results = list(distinguish_twins({robot: lab.computer(host) for robot, host in ALL.items()}, lab.computer(STATION)))
     assert len(results) == 8 * len(ALL) + 1 and all(result.ok for result in results), table(results)
     assert not {"/reset", "/robot_description"} & set(lab.run(STATION, "rosservice list; rosparam list").split())
 
@@ -184,7 +184,7 @@ def test_a_robot_is_cut_off_and_comes_back(lab):
     wait_until(lambda: "/kobuki2/scan" not in published(lab), 40, "its topics are withdrawn")
     gone = time.monotonic() - began
     assert hear(lab, "/kobuki1/scan") == [f"scan of {ONE}"], "the other robot is heard as before"
-    began = mend(lab, TWO)
+    began = repair(lab, TWO)
     wait_until(lambda: hear(lab, "/kobuki2/scan", seconds=5) == [f"scan of {TWO}"], 40, "its scan again")
     print(f"withdrawn after {gone:.1f} s, back after {time.monotonic() - began:.1f} s, rostopic's start among them")
 

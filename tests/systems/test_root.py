@@ -50,7 +50,7 @@ def test_it_is_said_what_root_does_not_get(robbed):
     _lab, output = robbed
     assert (
         f'{FIRST}: root gets no variables of the set-up file {SETUP}, since "/home/{PERSON} belongs to {PERSON}"; expected files and '
-        f'folders that root alone can change: the services and the user "{PERSON}" get them; root and other users get those of {BELOW}/setup.sh.'
+        f'folders that only root can change: the services and the user "{PERSON}" get them; root and other users get those of {BELOW}/setup.sh.'
     ) in output
     assert f'{FIRST}: no hook of catkin is written "below {WORKSPACE}' in output
     assert 'sets BASH_ENV, LD_PRELOAD, "PATH (./bin)", "PYTHONPATH (lib)", "PYTHONSTARTUP", which nobody gets' in output

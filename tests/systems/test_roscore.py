@@ -312,7 +312,7 @@ def test_no_pattern_of_others_stops_discovery(lab):
         said = lab.run(FIRST, f"journalctl --quiet --output cat _PID={DISCOVERY}")
         print(spent(lab), said)
         (line,) = [line for line in said.splitlines() if COSTLY in line]
-        assert line.startswith("other robots are told nothing until this is corrected: /do_not_sync has "), line
+        assert line.startswith("other robots get no announcements until this is corrected: /do_not_sync has "), line
     finally:
         lab.run(FIRST, "rosparam delete /do_not_sync")
     until, before = time.monotonic() + 30, spent(lab)

@@ -72,7 +72,7 @@ def assert_finding(lab, sentence):
     assert " 2. " not in output.partition("Findings:")[2].partition("FAILED:")[0], output
 
 
-def mend(lab):
+def repair(lab):
     status, output = lab.play("site.yml")
     assert status == 0, output
     return changed(output)
@@ -97,33 +97,33 @@ def test_a_configuration_of_somebody_stays_and_is_judged(fleet):
 
 
 def test_a_second_run_changes_nothing(lab):
-    assert mend(lab) == dict.fromkeys(HOSTS, 0)
+    assert repair(lab) == dict.fromkeys(HOSTS, 0)
 
 
 def test_check_mode_tells_and_does_nothing(lab):
     status, output = lab.play("site.yml", "--check", "--diff", variables={"multimaster_clock": "bob"})
     assert status == 0 and "+local stratum 10" in output and f"-server {SOURCE} " in output, output
-    assert follows(lab, BOB) == [SOURCE] and mend(lab) == dict.fromkeys(HOSTS, 0)
+    assert follows(lab, BOB) == [SOURCE] and repair(lab) == dict.fromkeys(HOSTS, 0)
 
 
 def test_a_wrong_source_is_named(lab):
     lab.run(BOB, f"sed -i 's/{SOURCE}/{OTHER}/' {CONFIGURATION} && systemctl restart chrony")
     wait_until(lambda: follows(lab, BOB) == [OTHER], 30, "bob-pc follows cid-pc")
     assert_finding(lab, f"the clock of bob-pc follows {OTHER}, not the source of the fleet's time")
-    assert mend(lab) == {ANA: 0, BOB: 1, CID: 0}
+    assert repair(lab) == {ANA: 0, BOB: 1, CID: 0}
     assert follows(lab, BOB) == [SOURCE]
 
 
 def test_a_service_that_does_not_run_is_named(lab):
     lab.run(BOB, "systemctl stop chrony")
     assert_finding(lab, "no time service of bob-pc answers")
-    assert mend(lab) == {ANA: 0, BOB: 1, CID: 0}
+    assert repair(lab) == {ANA: 0, BOB: 1, CID: 0}
 
 
 def test_a_source_that_does_not_run_is_the_one_finding(lab):
     lab.run(ANA, "systemctl stop chrony")
     assert_finding(lab, "no time service of ana-pc answers")
-    assert mend(lab) == {ANA: 1, BOB: 0, CID: 0}
+    assert repair(lab) == {ANA: 1, BOB: 0, CID: 0}
 
 
 def test_a_source_that_gives_nothing_is_named(lab):
@@ -145,7 +145,7 @@ def test_an_offset_is_named(lab):
     lab.run(BOB, f"sed -i 's/^server .*/& offset 2/' {CONFIGURATION} && systemctl restart chrony")
     wait_until(lambda: follows(lab, BOB) == [SOURCE], 30, "bob-pc follows")
     assert_finding(lab, "the clock of bob-pc is 2.0 s ")
-    assert mend(lab) == {ANA: 0, BOB: 1, CID: 0}
+    assert repair(lab) == {ANA: 0, BOB: 1, CID: 0}
 
 
 def test_a_reboot_brings_the_same(lab):

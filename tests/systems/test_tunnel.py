@@ -57,7 +57,7 @@ def changed(output):
     }
 
 
-def mend(lab, *options):
+def repair(lab, *options):
     status, output = lab.play("site.yml", *options)
     assert status == 0, output
     return changed(output)
@@ -80,7 +80,7 @@ def assert_one_finding(lab, sentence):
 
 def test_everything_is_proved_inside_the_tunnel(lab):
     assert_passes(lab)
-    assert mend(lab) == dict.fromkeys(HOSTS, 0)
+    assert repair(lab) == dict.fromkeys(HOSTS, 0)
 
 
 def test_no_private_key_leaves_its_computer(lab):
@@ -110,8 +110,8 @@ def test_a_guard_that_somebody_removed_is_found_and_comes_back(lab):
     """test_guard.py has what it does."""
     lab.run(GATE, "nft flush chain inet rosfleet_multimaster guard")
     assert_one_finding(lab, f"the packet filter of {GATE} is not as planned")
-    assert mend(lab)[GATE] == 1
-    assert mend(lab) == dict.fromkeys(HOSTS, 0)
+    assert repair(lab)[GATE] == 1
+    assert repair(lab) == dict.fromkeys(HOSTS, 0)
 
 
 def run_by_hand(lab, **arguments):
@@ -132,7 +132,7 @@ def test_a_tunnel_that_nobody_confirms_is_taken_back(lab):
     answer = run_by_hand(lab, files=[broken], confirm_within=5, confirmation="another")
     assert answer["failed"] and "does not come up" in answer["msg"]
     assert sorted(lab.run(BOB, ways).splitlines()) == before
-    assert mend(lab) == dict.fromkeys(HOSTS, 0)
+    assert repair(lab) == dict.fromkeys(HOSTS, 0)
     assert_passes(lab)
 
 
@@ -201,25 +201,25 @@ def test_a_changed_key_is_refused_until_it_is_asked_for(lab):
     status, output = lab.play("site.yml")
     assert status != 0 and "bob-pc: its public key is " in output and "tunnel_rotate=true" in output, output
     assert key_of(lab, BOB) == before[BOB]  # nothing has changed
-    assert mend(lab, "--limit", "!bob") == dict.fromkeys((ANA, GATE, ARM), 0)  # as after a rotation that broke off
-    mend(lab, "-e", "tunnel_rotate=true")
+    assert repair(lab, "--limit", "!bob") == dict.fromkeys((ANA, GATE, ARM), 0)  # as after a rotation that broke off
+    repair(lab, "-e", "tunnel_rotate=true")
     after = {host: key_of(lab, host) for host in INSIDE}
     assert not {*before.values()} & {*after.values()} and len({*after.values()}) == 3
     assert_passes(lab)
-    assert mend(lab) == dict.fromkeys(HOSTS, 0)
+    assert repair(lab) == dict.fromkeys(HOSTS, 0)
 
 
 def test_one_new_key_is_known_after_a_whole_run(lab):
     """The robot alone makes it, and uses it at once; the others have its place from the kept file."""
     before = key_of(lab, BOB)
-    assert mend(lab, "--limit", "bob", "-e", "tunnel_rotate=true") == {BOB: 3}
+    assert repair(lab, "--limit", "bob", "-e", "tunnel_rotate=true") == {BOB: 3}
     assert key_of(lab, BOB) != before
-    mend(lab)
+    repair(lab)
     assert_passes(lab)
 
 
 def test_a_run_without_a_robot_knows_its_key(lab):
-    assert mend(lab, "--limit", "ana:bob") == dict.fromkeys((ANA, BOB), 0)
+    assert repair(lab, "--limit", "ana:bob") == dict.fromkeys((ANA, BOB), 0)
 
 
 def test_a_robot_without_an_endpoint_is_reached_by_the_hub(lab):
@@ -227,18 +227,18 @@ def test_a_robot_without_an_endpoint_is_reached_by_the_hub(lab):
     before = {path: path.read_text() for path in (hosts, shared)}
     hosts.write_text(before[hosts].replace("multimaster_endpoint: 192.168.28.24", ""))
     shared.write_text(before[shared] + "multimaster_tunnel_hub: ana-pc\n")
-    mend(lab)
-    assert mend(lab) == dict.fromkeys(HOSTS, 0)
+    repair(lab)
+    assert repair(lab) == dict.fromkeys(HOSTS, 0)
     assert_passes(lab)
     assert "ttl=62 " in lab.run(BOB, "ping -c1 -W2 192.168.29.2")  # by ana-pc and dan-gate
     lab.run(ANA, "sysctl -q -w net.ipv4.ip_forward=0")
     try:
-        assert_one_finding(lab, "ana-pc drops what is meant for another network")
+        assert_one_finding(lab, "ana-pc drops packets for other networks")
     finally:
         lab.run(ANA, "sysctl -q -w net.ipv4.ip_forward=1")
     for path, text in before.items():
         path.write_text(text)
-    mend(lab)
+    repair(lab)
 
 
 def test_a_reboot_brings_the_tunnel_back(lab):
@@ -255,7 +255,7 @@ def test_a_reboot_brings_the_tunnel_back(lab):
 def test_who_is_taken_out_of_the_inventory_is_out(lab):
     hosts = lab.inventory / "hosts.yml"
     hosts.write_text(re.sub(r"    bob:\n.*?(?=    dan:)", "", hosts.read_text(), flags=re.DOTALL))
-    mend(lab)
+    repair(lab)
     assert "10.77.0.22" not in lab.run(ANA, "wg show multimaster0 allowed-ips")
     assert lab.run(BOB, "ping -c1 -W1 10.77.0.21 > /dev/null || echo nothing").strip() == "nothing"
     assert "bob-pc" not in (lab.inventory / KEYS).read_text()

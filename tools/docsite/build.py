@@ -3,9 +3,9 @@
 
 """Builds the site of the documentation: the pages of docs, and every module, role, filter and lookup.
 
-python tools/docsite/build.py        into .work/docsite/html; fails where a link leads nowhere, or the text of a page is malformed
+python tools/docsite/build.py        into .work/docsite/html; fails if a link leads nowhere, or the text of a page is malformed
 
-What did not change since the last time is not built again.
+Pages that did not change since the last time are not built again.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BIN = Path(sys.executable).parent
 
 
 def read_tree() -> pages.Tree:
-    """What git has, or would have."""
+    """The files that git has, or would have."""
     command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout.decode()
     names = frozenset(name for name in listed.split("\0") if name and (ROOT / name).is_file())
@@ -37,7 +37,7 @@ def read_tree() -> pages.Tree:
 
 
 def write_pages(tree: pages.Tree) -> None:
-    """The pages of the tree; one that is the same is left alone, so Sphinx does not read it again."""
+    """The pages of the tree; one that is the same stays, so Sphinx does not read it again."""
     made = {name: (ROOT / name).read_bytes() for name in tree.list_shown()}
     for name in made:
         if name.endswith(".md"):

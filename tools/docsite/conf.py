@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What Sphinx makes of the pages."""
+"""The settings of Sphinx for the pages."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ _THEIR_PAGES = {
     "ansible_configuration_settings": "reference_appendices/config.html#ansible-configuration-settings",
     "common_return_values": "reference_appendices/common_return_values.html#common-return-values",
 }
-# The theme has a list of the headings beside each page.
+# The theme has a list of the headings next to each page.
 _CONTENTS = re.compile(r"^\.\. contents::.*\n(?: +:.*\n)*", re.MULTILINE)
 _THEIR_PLUGIN = re.compile(r"ansible_collections\.(\w+)\.(\w+)\.(\w+)")
 
 
 def lead_to_ansible(_app: Any, _env: Any, node: Any, text: nodes.Element) -> nodes.Element | None:
-    """Where a name of Ansible's documentation leads."""
+    """The address of a name in Ansible's documentation."""
     name = node["reftarget"]
     plugin = _THEIR_PLUGIN.fullmatch(name)
     if node["reftype"] == "envvar":

@@ -3,7 +3,7 @@
 
 """The links of the site that was built: each one within it leads to a file, and to a place in that file.
 
-Sphinx looks at the links of pages alone. Here is what a browser gets: menus, pictures, and what the theme asks for, too.
+Sphinx looks only at the links of pages. Here is all that a browser gets: menus, pictures, and the files of the theme, too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _OUT = re.compile(r"[a-z]+:|//")
 
 
 class _Page(HTMLParser):
-    """The names of the places of a page, and where it leads."""
+    """The names of the places of a page, and its links."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -35,7 +35,7 @@ class _Page(HTMLParser):
 
 
 def find_lost_links(folder: Path) -> Iterator[str]:
-    """What is wrong with a link within the site, a sentence for each."""
+    """The faults of links within the site, a sentence for each."""
     pages = {path.resolve(): _Page(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.html"))}
     for path, page in pages.items():
         for link in sorted(page.links):

@@ -15,11 +15,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-INDEX = "docs/README.md"  # what stands on which shelf
+INDEX = "docs/README.md"  # the pages of each shelf
 FRONT = "README.md"  # becomes the first page of the site
-REFERENCE = "reference"  # the folder for what antsibull-docs writes
-#: The pages beside docs, in the order of the site.
-BESIDE = ("CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "MAINTAINERS.md", "SECURITY.md", "CHANGELOG.rst")
+REFERENCE = "reference"  # the folder for the output of antsibull-docs
+#: The pages outside of docs, in the order of the site.
+OUTSIDE = ("CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "MAINTAINERS.md", "SECURITY.md", "CHANGELOG.rst")
 
 _SHOWN = re.compile(r"docs/(?:[\w-]+/)*[\w-]+\.(?:md|png|json)")
 _CODE = re.compile(r"(^ *```.*?^ *```$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
@@ -31,7 +31,7 @@ _ROLE = re.compile(r"roles/(\w+)(?:/README\.md)?")
 
 @dataclass(frozen=True)
 class Tree:
-    """The files that git has, and where the repository is."""
+    """The files that git has, and the address of the repository."""
 
     names: frozenset[str]
     repository: str
@@ -42,7 +42,7 @@ class Tree:
 
     def list_shown(self) -> list[str]:
         """The files that the site has as they are, but for their links."""
-        return sorted(name for name in self.names if name in BESIDE or _SHOWN.fullmatch(name))
+        return sorted(name for name in self.names if name in OUTSIDE or _SHOWN.fullmatch(name))
 
     def find_page(self, target: str) -> str | None:
         """The file of the site for a file or folder of the tree, if it has one."""
@@ -54,7 +54,7 @@ class Tree:
             return f"{REFERENCE}/{role[1]}_role.rst"
         if plugin := _PLUGIN.fullmatch(target):
             return f"{REFERENCE}/{plugin[2]}_{plugin[1].removesuffix('s').replace('modules', 'module')}.rst"
-        return target if target in BESIDE or _SHOWN.fullmatch(target) else None
+        return target if target in OUTSIDE or _SHOWN.fullmatch(target) else None
 
     def turn_link(self, page: str, link: str) -> str:
         """A link of a page as it is on the site."""
@@ -76,7 +76,7 @@ class Tree:
                 return found[1] + self.turn_link(page, found[2]) + found[3]
             return found[4] + self.turn_link(page, found[5])
 
-        # Of what is split by a group, every second one is code.
+        # After a split by a group, every second piece is code.
         parts = _CODE.split(text)
         return "".join(part if number % 2 else _LINK.sub(turn, part) for number, part in enumerate(parts))
 
@@ -92,7 +92,7 @@ def list_shelves(index: str) -> Iterator[tuple[str, list[str]]]:
 
 def write_contents(shelves: Iterable[tuple[str, Sequence[str]]]) -> str:
     """The table of contents of the site, for the end of its first page."""
-    lists = [("", [INDEX]), *shelves, ("Reference", [f"{REFERENCE}/index.rst"]), ("The project", list(BESIDE))]
+    lists = [("", [INDEX]), *shelves, ("Reference", [f"{REFERENCE}/index.rst"]), ("The project", list(OUTSIDE))]
 
     def write_list(caption: str, pages: Sequence[str]) -> str:
         names = "".join(f"{os.path.splitext(page)[0]}\n" for page in pages)

@@ -32,7 +32,7 @@ def checksum(data):
 
 
 def payload(protocol, text, ends):
-    """A datagram with a text, or the beginning of a connection; `ends` is what the checksum counts before it."""
+    """A datagram with a text, or the beginning of a connection; `ends` is the text that the checksum counts before it."""
     if protocol == "udp":
         body, place = struct.pack("!HHHH", FROM, PORT, 8 + len(text), 0) + text, 6
     else:

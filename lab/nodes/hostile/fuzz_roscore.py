@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Calls that any program may make to a roscore, out of a seed: any method, any value, any bytes; and kill -9 in between.
 
-    fuzz_roscore.py CALLS [SEED]      (beside hostile_inputs.py)
+    fuzz_roscore.py CALLS [SEED]      (with hostile_inputs.py)
 
 It starts the roscore itself. A third of the callers are strangers, who come by another address than the loopback, a third are local
 users without rights, a third are of root. After each kill the roscore must answer within START seconds, the nodes that live must be
-registered, and its file, its memory and its threads must be within what roles/nodes/DESIGN.md states. It ends with one line of JSON.
+registered, and its file, its memory and its threads must be within the bounds of roles/nodes/DESIGN.md. It ends with one line of JSON.
 """
 
 import collections
@@ -29,7 +29,7 @@ from hostile_inputs import MIB, break_bytes, laughs, request_of, some_bytes
 
 PORT, START, ALIVE, HEARD = 11398, 5.0, 4, "/alive/heard"
 URI = f"http://127.0.0.1:{PORT}/"
-MEMORY, FILE = 1024 * MIB, 600 * MIB  # MemoryMax of the unit, and what roles/nodes/DESIGN.md says of the file
+MEMORY, FILE = 1024 * MIB, 600 * MIB  # MemoryMax of the unit, and the limit of the file by roles/nodes/DESIGN.md
 USER = 65534  # nobody
 METHODS = """registerPublisher registerSubscriber registerService unregisterPublisher unregisterSubscriber unregisterService subscribeParam
 unsubscribeParam setParam setParam setParam deleteParam getParam getParamNames hasParam searchParam lookupNode lookupService getSystemState
@@ -257,7 +257,7 @@ def request(rng, own):
 
 
 def judge_answer(data):
-    """What kind of answer it was."""
+    """The kind of the answer."""
     if not data:
         return "nothing"
     if b" 200 " not in data[:20]:
@@ -270,17 +270,17 @@ def judge_answer(data):
 
 
 class Node:
-    """A node that lives: it says what it has, and notes what it is told."""
+    """A node that lives: it names its topics, and notes its updates."""
 
     def __init__(self, number):
-        self.name, self.topic, self.told = f"/alive_{number}", f"/alive/topic_{number}", []
+        self.name, self.topic, self.updates = f"/alive_{number}", f"/alive/topic_{number}", []
         self.server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False, allow_none=True)
         self.uri = "http://127.0.0.1:%d/" % self.server.server_address[1]
         for method, function in (
             ("getPid", lambda _caller: [1, "", 1]),
             ("getPublications", lambda _caller: [1, "", [[self.topic, "x/Y"]]]),
             ("getSubscriptions", lambda _caller: [1, "", [[HEARD, "x/Y"]]]),
-            ("publisherUpdate", lambda _caller, _topic, uris: self.told.append(uris) or [1, "", 0]),
+            ("publisherUpdate", lambda _caller, _topic, uris: self.updates.append(uris) or [1, "", 0]),
         ):
             self.server.register_function(function, method)
         threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.2}, daemon=True).start()
@@ -342,7 +342,7 @@ class Test:
             return log.read()[-most:]
 
     def look(self, why):
-        """Compare what there is with what is stated."""
+        """Compare the present state with the stated one."""
         self.know(why)
         self.threads_work(why)
         status = dict(line.split(":", 1) for line in open(f"/proc/{self.process.pid}/status", encoding="ascii"))
@@ -364,7 +364,7 @@ class Test:
             assert found[:1] == [1] and found[2] == node.uri, f"{why}: {node.name} is lost: {found}: {self.log()}"
 
     def threads_work(self, why):
-        """What is registered now is in the file soon, and its subscribers are told: no thread has ended."""
+        """A registration of now is in the file soon, and its subscribers are notified: no thread has ended."""
         mark = f"/mark_{self.random.randrange(10**9)}"
         uri = f"http://127.0.0.1:9{mark}"
         assert ask().registerPublisher(mark, HEARD, "x/Y", uri)[0] == 1, self.log()
@@ -372,8 +372,8 @@ class Test:
         while mark.encode() not in tail(self.folder + "/registrations"):
             assert time.monotonic() < until, f"{why}: nothing is stored any more: {self.log()}"
             time.sleep(0.1)
-        while not all(any(uri in uris for uris in node.told) for node in self.nodes):
-            assert time.monotonic() < until, f"{why}: subscribers are not told: {self.log()}"
+        while not all(any(uri in uris for uris in node.updates) for node in self.nodes):
+            assert time.monotonic() < until, f"{why}: subscribers are not notified: {self.log()}"
             time.sleep(0.1)
         ask().unregisterPublisher(mark, HEARD, uri)
 
@@ -465,7 +465,7 @@ def stranger_address():
 
 
 def send(data, address, rng):
-    """Send a request; what comes back. Some callers go before they have read it."""
+    """Send a request; return the answer. Some callers go before they have read it."""
     try:
         with connect(address) as connection:
             try:

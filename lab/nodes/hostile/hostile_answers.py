@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What root of a robot may answer in the place of a module, drawn by a seed: the true answer, changed in any way.
+"""Answers that root of a robot may give in the place of a module, drawn by a seed: the true answer, changed in any way.
 
     hostile_answers.py SETTINGS    as the Python of a robot: reads the module, and answers in its place
 
@@ -145,11 +145,11 @@ def replace_at(value, path, new):
     value[path[-1]] = new(value[path[-1]])
 
 
-# Attacks: (what was drawn, the true answer) -> the answer, or its bytes
+# Attacks: (the draw, the true answer) -> the answer, or its bytes
 
 
 def orders(drawn, true):
-    """Tell Ansible what to do."""
+    """Give Ansible orders."""
     for entry in drawn.sample(ORDERS, drawn.randint(1, 3)):
         true.update(copy.deepcopy(entry))
     return true
@@ -199,7 +199,7 @@ def remove_keys(drawn, true):
 
 
 def add_keys(drawn, true):
-    """Keys that nobody documents, and lists that repeat what is there."""
+    """Keys that nobody documents, and lists that repeat their items."""
     for _number in range(drawn.choice([1, 3, 10])):
         target = true
         path = drawn.choice(list(places(true)) or [()])

@@ -234,7 +234,7 @@ def deep(rng):
     return call_of("masterInfoFiltered", [deep_value(rng)])
 
 
-# What is dear for its size, as XML. A node takes at most 1 MB.
+# Inputs that are dear for their size, as XML. A node takes at most 1 MB.
 
 SIZE = 900_000
 
@@ -281,7 +281,7 @@ def long_number(rng):
 
 
 COSTS = (patterns, many_names, patterns, small_values, patterns, deep_value, patterns, long_number)
-#: Of each node: its methods with an argument of any form, what stands before it, and behind it.
+#: Of each node: its methods with an argument of any form, the arguments before it, and behind it.
 TAKE_ANYTHING = {
     "discovery": [("masterInfoFiltered", (), ()), ("getTopicsMd5sum", (), ()), ("rosfleetDifferences", (), ("", 0, 0.0))],
     "relay": [("rosfleetOffers", (), ("", 0.0)), ("rosfleetOffers", ("bad",), (0.0,)), ("rosfleetOffers", ("bad", ""), ())],

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A master that nobody asked for: rogue.py OWN_ADDRESS VICTIM URI NAME SECONDS. Prints what it was asked, as JSON.
+"""A master that nobody asked for: rogue.py OWN_ADDRESS VICTIM URI NAME SECONDS. Prints the questions that it got, as JSON.
 
-VICTIM is an address, or the group. It offers what would steer a robot: publishers of /cmd_vel and /tf, and a service.
+VICTIM is an address, or the group. It offers topics that would steer a robot: publishers of /cmd_vel and /tf, and a service.
 """
 
 import json

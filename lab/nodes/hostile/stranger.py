@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a foreign computer finds on others: the TCP ports from 1024 up that take a connection, and who answers datagrams.
+"""The findings of a foreign computer on others: the TCP ports from 1024 up that take a connection, and who answers datagrams.
 
 python3 stranger.py FIRST LAST ADDRESS...     prints JSON: address -> {"tcp": ports, "udp": ports that anything came from}
 

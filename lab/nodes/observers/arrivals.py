@@ -14,7 +14,7 @@ import rospy
 from std_srvs.srv import Trigger
 
 
-def tell(name, _message=None):
+def report(name, _message=None):
     print(f"{time.monotonic():.3f} {name}", flush=True)
 
 
@@ -23,7 +23,7 @@ def call():
         service = rospy.ServiceProxy(sys.argv[1], Trigger, persistent=True)
         while not rospy.is_shutdown():
             service()
-            tell("service")
+            report("service")
             time.sleep(0.1)
     except rospy.ServiceException:
         time.sleep(0.1)
@@ -31,7 +31,7 @@ def call():
 
 rospy.init_node("arrivals", anonymous=True)
 for topic in sys.argv[2:]:
-    rospy.Subscriber(topic, rospy.AnyMsg, partial(tell, topic))
+    rospy.Subscriber(topic, rospy.AnyMsg, partial(report, topic))
 print("ready", flush=True)
 while not rospy.is_shutdown():
     call()

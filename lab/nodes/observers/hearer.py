@@ -34,7 +34,7 @@ signal.set_wakeup_fd(waker.fileno())
 signal.signal(signal.SIGTERM, lambda _number, _frame: None)
 print("listens", flush=True)
 readable = []
-while readable != [term]:  # once it is alone, there is nothing left to read
+while readable != [term]:  # once it is the only one, there is nothing left to read
     readable = select.select([four, six, term], [], [])[0]
     for sock in readable:
         if sock is not term:

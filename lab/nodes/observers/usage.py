@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""usage.py UNIT...: prints as JSON what the processes of services take: processor time in seconds, memory in bytes
+"""usage.py UNIT...: prints as JSON the use of resources by processes of services: processor time in seconds, memory in bytes
 (proportional set size), threads, open descriptors. The kernel's own account per service is missing in some containers.
 """
 

@@ -3,9 +3,9 @@
 
 """`action_client.py ACTION`: sends the goal 21 to the action, once, and prints the number of feedbacks and the result.
 
-A rospy node that is told twice of a publisher, before its first question to that one is answered, connects twice: it closes
-the first connection, and what was sent by that one is lost. On one roscore that happens where two clients of an action start
-at once; between robots each publisher is told by both roscores. `wait_for_server` of actionlib is content with the first
+A rospy node that hears twice of a publisher, before its first question to that one is answered, connects twice: it closes
+the first connection, and the messages of that one are lost. On one roscore that happens if two clients of an action start
+at once; between robots each publisher is announced by both roscores. `wait_for_server` of actionlib is content with the first
 connection. So this client waits until its connections have stayed the same for a while, as every sender of a single message
 must. It sends one goal: a loss is a failure.
 """

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Says when what works on a robot, from its boot on: an ordinary rospy node, which hears itself through a roscpp one.
+"""Reports the moment at which each thing works on a robot, from its boot on: an ordinary rospy node, which hears itself through a roscpp one.
 
 alone.py ROBOT ADDRESS [OTHER]... : it publishes /ROBOT/talk, hears /ROBOT/back (topic_tools relay) and every /OTHER/talk, and
 provides and calls the service /ROBOT/echo. Each line is "TIME EVENT", once: `own topic`, `own service`, `address` (eth0 has it, and
@@ -22,12 +22,12 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 SIOCGIFFLAGS, SIOCGIFADDR, IFF_RUNNING = 0x8913, 0x8915, 0x40
 robot, address, *others = sys.argv[1:]
-told = set()
+reported = set()
 
 
-def tell(event):
-    if event not in told:
-        told.add(event)
+def report(event):
+    if event not in reported:
+        reported.add(event)
         print(f"{time.monotonic():.3f} {event}", flush=True)
 
 
@@ -44,13 +44,13 @@ def has_network():
 def look_at_network():
     while not has_network():
         time.sleep(0.01)
-    tell("address")
+    report("address")
 
 
 def call_own_service():
     rospy.wait_for_service(f"/{robot}/echo")
     if rospy.ServiceProxy(f"/{robot}/echo", Trigger)().message == robot:
-        tell("own service")
+        report("own service")
 
 
 def list_masters():
@@ -59,7 +59,7 @@ def list_masters():
         try:
             for master in rospy.ServiceProxy("/master_discovery/list_masters", DiscoverMasters)().masters:
                 if master.online:
-                    tell(f"online {master.name}")
+                    report(f"online {master.name}")
         except rospy.ServiceException:
             pass
         time.sleep(0.2)
@@ -69,9 +69,9 @@ probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 threading.Thread(target=look_at_network, daemon=True).start()
 rospy.init_node(f"{robot}_alone")
 rospy.Service(f"/{robot}/echo", Trigger, lambda _request: TriggerResponse(True, robot))
-rospy.Subscriber(f"/{robot}/back", rospy.AnyMsg, lambda _message: tell("own topic"))
+rospy.Subscriber(f"/{robot}/back", rospy.AnyMsg, lambda _message: report("own topic"))
 for other in others:
-    rospy.Subscriber(f"/{other}/talk", rospy.AnyMsg, lambda _message, other=other: tell(f"heard {other}"))
+    rospy.Subscriber(f"/{other}/talk", rospy.AnyMsg, lambda _message, other=other: report(f"heard {other}"))
 for work in (call_own_service, list_masters):
     threading.Thread(target=work, daemon=True).start()
 publisher = rospy.Publisher(f"/{robot}/talk", Int32, queue_size=1)

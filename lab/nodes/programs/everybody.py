@@ -56,7 +56,7 @@ for other in others:
 
 
 def list_reached():
-    """Return whom this node has heard and called by now, and what each of the others lacks."""
+    """Return the robots that this node has heard and called by now, and the missing ones of each other node."""
     connected = connections()
     lacks = {
         other: "not connected" if other in heard else "not heard"

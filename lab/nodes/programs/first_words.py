@@ -49,7 +49,7 @@ class Speech:
         self.publisher, self.ends, self.since, self.said, self.due = publisher, [], 0.0, 0, 0.0
 
     def go_on(self):
-        """Say what is due. False once everything is said."""
+        """Say all that is due. False once everything is said."""
         now, ends = (
             time.monotonic(),
             [(end.local_endpoint, end.remote_endpoint) for end in self.publisher.impl.connections],

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Registers publishers at the own roscore as it is told, over TCP: a line of JSON in, one out.
+"""Registers publishers at the own roscore as it is asked, over TCP: a line of JSON in, one out.
 
 giver.py ADDRESS PORT : lines are ["register" or "unregister", [[NODE, TOPIC], ...]]; the answer is [BEFORE, AFTER], the times
 of the kernel's steady clock, which all containers share. Its nodes have one server for all, and answer as nodes do.
@@ -43,7 +43,7 @@ class Node(ThreadingMixIn, SimpleXMLRPCServer):
 
 
 def call(method, *arguments):
-    """A call to the roscore, tried again for a while where it does not answer, as nodes do."""
+    """A call to the roscore, tried again for a while if it does not answer, as nodes do."""
     for attempt in range(100):
         try:
             done = getattr(roscore(), method)(*arguments)

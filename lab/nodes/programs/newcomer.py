@@ -4,7 +4,7 @@
 """Twice a second: a new publisher, and how long it takes until a subscriber of the same roscore hears it.
 
 newcomer.py NODE TOPIC : lines are "TIME SECONDS". The publisher of TOPIC comes and goes too, so that the roscore has all of
-its subscribers, wherever they are, to tell.
+its subscribers, wherever they are, to notify.
 """
 
 import sys

@@ -1,15 +1,15 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Plays another robot's discovery node from a script: its datagrams, its documents, and what it must hear in return.
+"""Plays another robot's discovery node from a script: its datagrams, its documents, and the answers that it must hear.
 
 The script is JSON on standard input: the own "address", the "group" and "port" of discovery, the "real" node's address,
-"known" texts ($name is replaced in every step; $port is the port of the XML-RPC server as it stands in a record), and
+"known" texts ($name is replaced in every step; $port is the port of the XML-RPC server as it is in a record), and
 "steps", each with one verb. Steps run one after the other; each waits for a bounded time. Prints "ok", or the step
-that failed and what was seen, and ends with status 1.
+that failed and the value that was seen, and ends with status 1.
 
   send: HEX                    from the port of discovery, to: real, group (default), from: PORT for another source port
-  expect_datagram: HEX         arrives from the real node's port, via: unicast or group; a dot stands for any digit
+  expect_datagram: HEX         arrives from the real node's port, via: unicast or group; a dot means any digit
                                stamp: TEXT, the time that the record carries
   expect_no_datagram: HEX      does not arrive, via: ..., for: SECONDS
   serve: {PORT: {METHOD: ...}} answers of XML-RPC servers from now on (a method that is missing is a fault)
@@ -19,7 +19,7 @@ that failed and what was seen, and ends with status 1.
   call: METHOD                 uri: TEXT, params: [...], answer: PATTERN (of the result) or fault: PATTERN (of its text),
                                asked again until it fits; offer_gzip: true, packed: BOOLEAN
   http: METHOD PATH            to uri: TEXT; status: NUMBER
-  pause: SECONDS               where nothing can be waited for
+  pause: SECONDS               if nothing can be waited for
 
 In a PATTERN a text that begins with ~ is a regular expression for the whole text, and its named groups are known in later
 steps; {"has": [...]} and {"lacks": [...]} are of lists; "*" fits everything. Ports are texts. Spaces in HEX are nothing.
@@ -43,7 +43,7 @@ COMPRESS = 1400  # bytes from which upstream packs its answers
 
 
 class StepFailure(Exception):
-    """A step did not find what it wants."""
+    """A step did not find the wanted value."""
 
 
 def fits(wanted, found, known):
@@ -112,7 +112,7 @@ class Handler(BaseHTTPRequestHandler):
 
 
 class Peer:
-    """The state of one exchange: what was heard, what is served, what is remembered."""
+    """The state of one exchange: the messages that were heard, are served, are remembered."""
 
     def __init__(self, address, group, port, real, known):
         self.address, self.group, self.port, self.real = address, group, port, real
@@ -187,7 +187,7 @@ class Peer:
     def pause(self, seconds):
         time.sleep(seconds)
 
-    # What they are made of
+    # The parts of records and documents
 
     def _has_datagram(self, pattern, via, stamp=None):
         return any(

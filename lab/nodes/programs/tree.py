@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`tree.py PARENT CHILD ...`: looks up in tf2's buffer where frames are in another one, and prints how far ahead each is.
+"""`tree.py PARENT CHILD ...`: looks up in tf2's buffer the places of frames in another one, and prints how far ahead each is.
 
 An ordinary listener of /tf and /tf_static. It waits half a minute for all of them.
 """

@@ -3,8 +3,8 @@
 
 """The nodes of a robot that has a twin: the same program with the same names on both. It knows nothing of other robots.
 
-It publishes what tells its computer, offers a service and an action, has a tree of frames (map, odom, base_link, laser) in which
-the laser is as far ahead as the robot's number says, and prints what it hears on /cmd_vel and /goal, with the time.
+It publishes the name of its computer, offers a service and an action, has a tree of frames (map, odom, base_link, laser) in which
+the laser is as far ahead as the robot's number says, and prints the messages on /cmd_vel and /goal, with the time.
 """
 
 import re
@@ -38,7 +38,7 @@ def move(goal):
     action.set_succeeded(TestResult(result=2 * goal.goal))
 
 
-def tell(text):
+def report(text):
     print(f"{time.monotonic():.3f} {text}", flush=True)
 
 
@@ -50,8 +50,8 @@ odometry = rospy.Publisher("/odom", PoseStamped, queue_size=1)
 moving = rospy.Publisher("/tf", TFMessage, queue_size=10)
 fixed = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
 chart = rospy.Publisher("/map", String, queue_size=1, latch=True)
-rospy.Subscriber("/cmd_vel", String, lambda message: tell(message.data))
-rospy.Subscriber("/goal", PoseStamped, lambda message: tell(f"goal in {message.header.frame_id}"))
+rospy.Subscriber("/cmd_vel", String, lambda message: report(message.data))
+rospy.Subscriber("/goal", PoseStamped, lambda message: report(f"goal in {message.header.frame_id}"))
 rospy.Service("/reset", Trigger, lambda request: TriggerResponse(True, HOST))
 action = actionlib.SimpleActionServer("/move_base", TestAction, move, auto_start=False)
 action.start()

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The option `action` of a module that measures: what it is to do. The option was `state` before, and its words were others.
+"""The option `action` of a module that measures: its task. The option was `state` before, and its words were others.
 
-Playbooks with the former name and words run as before: `state` is an alias, and each former word stands for one of today.
+Playbooks with the former name and words run as before: `state` is an alias, and each former word means one of today.
 """
 
 import typing
@@ -17,7 +17,7 @@ Params = typing.Dict[str, typing.Any]
 
 
 def list_words(*actions: str) -> typing.List[str]:
-    """Return the words that stand for these actions: those of today, then the former ones."""
+    """Return the words for these actions: those of today, then the former ones."""
     return [*actions, *(former for former, action in _WORDS.items() if action in actions)]
 
 
@@ -32,7 +32,7 @@ def carry_out(
     find_wrong: typing.Callable[[Params], typing.Optional[str]],
     actions: typing.Mapping[str, typing.Callable[[Params, bool], typing.Dict[str, typing.Any]]],
 ) -> None:
-    """Do what the action asks for, and end the module. Wrong options, and a Problem, end it with their sentence.
+    """Carry out the action, and end the module. Wrong options, and a Problem, end it with their sentence.
 
     Each action takes the options, and whether it is only to look (check mode).
     """

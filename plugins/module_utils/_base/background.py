@@ -33,7 +33,7 @@ Line = typing.Dict[str, typing.Any]
 def find_wrong_value(
     params: typing.Dict[str, typing.Any], bounds: typing.Iterable[typing.Tuple[str, float, float]], unit: str = ""
 ) -> typing.Optional[str]:
-    """Say in one sentence that the label of the run cannot be used, or a number; None where all can."""
+    """Return a sentence if the label of the run, or a number, cannot be used; None if all can."""
     if not re.match(r"[A-Za-z0-9._-]{1,64}\Z", params["run"]):
         return f"run is {params['run']!r}, expected 1 to 64 letters, digits, dots, hyphens or underscores."
     for option, least, most in bounds:
@@ -44,7 +44,7 @@ def find_wrong_value(
 
 @contextlib.contextmanager
 def explain_refusal(action: str, remedies: typing.Optional[typing.Mapping[int, str]] = None) -> typing.Iterator[None]:
-    """Raise Problem for an OSError in this block: which action failed, why, and what to do; `remedies` by errno."""
+    """Raise Problem for an OSError in this block: the failed action, the reason, and the remedy; `remedies` by errno."""
     try:
         yield
     except OSError as error:
@@ -160,7 +160,7 @@ def remove_door(path: str) -> None:
 
 
 class Visit:
-    """A request to such a process. Raises OSError where no process listens."""
+    """A request to such a process. Raises OSError if no process listens."""
 
     def __init__(self, path: str, request: Line) -> None:
         if os.stat(path).st_uid != os.geteuid():
@@ -171,7 +171,7 @@ class Visit:
         self.connection.sendall(json.dumps(request).encode() + b"\n")
 
     def reply(self, seconds: float) -> typing.Optional[Line]:
-        """Read the reply; None where the process ended without one, or not within that time."""
+        """Read the reply; None if the process ended without one, or not within that time."""
         self.connection.settimeout(seconds)
         try:
             return json.loads(_line(self.connection))
@@ -182,7 +182,7 @@ class Visit:
 
 
 def ask(path: str, request: Line, seconds: float) -> Line:
-    """Ask the process of a door, and read its reply; empty where none listens, or where it ends without one."""
+    """Ask the process of a door, and read its reply; empty if none listens, or if it ends without one."""
     try:
         return Visit(path, request).reply(seconds) or {}
     except OSError:

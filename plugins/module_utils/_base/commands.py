@@ -13,7 +13,7 @@ import tempfile
 import threading
 import typing
 
-from .problem import tell_reason
+from .problem import explain_error
 from .regular_files import read_regular
 
 BASE_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -25,7 +25,7 @@ _MOST_ERRORS = 1 << 16  # bytes of its errors, the last ones
 
 
 class Answer(typing.NamedTuple):
-    """The end of a command: its exit status (-1: none), what it wrote to stdout, and what it wrote to stderr."""
+    """The end of a command: its exit status (-1: none), its output on stdout, and that on stderr."""
 
     status: int
     output: bytes
@@ -38,7 +38,7 @@ class Answer(typing.NamedTuple):
 
     @property
     def last_error(self) -> str:
-        """The last line of the errors, empty where there is none."""
+        """The last line of the errors, empty if there is none."""
         return (self.error.splitlines() or [""])[-1]
 
 
@@ -51,7 +51,7 @@ def run(
 ) -> Answer:
     """Run a command in a clean environment for at most `limit` seconds, then end all its processes.
 
-    Root becomes the `user` (uid, gid) first, where one is given; `given` is the input of the command.
+    Root becomes the `user` (uid, gid) first, if one is given; `given` is the input of the command.
     No exception: a missing or slow command gives an Answer with the status -1 and a sentence as its error.
     """
     # Without a preexec_fn, Python from 3.10 on uses vfork. A copy of this process costs more than most commands.
@@ -59,7 +59,7 @@ def run(
     try:
         return _run(argv, CLEAN if environment is None else environment, limit, given, become)
     except (OSError, ValueError, subprocess.SubprocessError) as problem:  # ValueError: a word with a NUL
-        return Answer(-1, b"", f"{argv[0]} could not be started: {tell_reason(problem)}")
+        return Answer(-1, b"", f"{argv[0]} could not be started: {explain_error(problem)}")
 
 
 def _run(
@@ -69,7 +69,7 @@ def _run(
     given: bytes,
     become: typing.Optional[typing.Callable[[], None]],
 ) -> Answer:
-    """Run a command. Raises an exception where it cannot be started, also for want of room for what it says."""
+    """Run a command. Raises an exception if it cannot be started, also for want of room for its output."""
     # Files instead of pipes: a process that the command leaves in the background holds no pipe that we wait for.
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as error, tempfile.TemporaryFile() as question:
         question.write(given)
@@ -100,7 +100,7 @@ def _run(
 
 
 def _end(group: int) -> None:
-    """End what is left of a group of processes."""
+    """End the remaining processes of a group."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(group, signal.SIGKILL)
 
@@ -132,7 +132,7 @@ def _become(who: typing.Tuple[int, int]) -> typing.Callable[[], None]:
 
 
 def text(path: str, most: int = 1 << 20) -> str:
-    """Read the text of a regular file, at most `most` bytes of it; empty where it cannot be read."""
+    """Read the text of a regular file, at most `most` bytes of it; empty if it cannot be read."""
     try:
         return read_regular(path, most).decode("utf-8", "replace")
     except (OSError, ValueError):  # ValueError: a path with a NUL

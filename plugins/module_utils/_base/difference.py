@@ -5,7 +5,7 @@
 
 import typing
 
-Content = typing.Union[None, bytes, str]  # of a file; None stands for no file, and half of a character for a byte
+Content = typing.Union[None, bytes, str]  # of a file; None means no file, and half of a character means a byte
 
 
 def difference(path: str, before: Content, after: Content) -> typing.Dict[str, str]:
@@ -26,11 +26,11 @@ def difference(path: str, before: Content, after: Content) -> typing.Dict[str, s
 def difference_of_lines(
     header: str, before: typing.Iterable[str], after: typing.Iterable[str]
 ) -> typing.List[typing.Dict[str, str]]:
-    """The entry for something that is read as lines, in a list; an empty list where they stay the same."""
+    """The entry for something that is read as lines, in a list; an empty list if they stay the same."""
     texts = ["".join(f"{line}\n" for line in lines) for lines in (before, after)]
     return [difference(header, *texts)] if texts[0] != texts[1] else []
 
 
 def mode_difference(path: str, before: int, after: int) -> typing.Dict[str, str]:
-    """The entry for a file whose permissions alone change."""
+    """The entry for a file of which only the permissions change."""
     return difference(path, f"mode {before:04o}\n", f"mode {after:04o}\n")

@@ -29,7 +29,7 @@ def warn(module: typing.Any, sentence: str) -> None:
 
 
 def _long_options(module: typing.Any) -> typing.Dict[str, typing.Any]:
-    """Return the options, shortened, where one is long: Ansible returns them, and the controller keeps them for each host."""
+    """Return the options, shortened, if one is long: Ansible returns them, and the controller keeps them for each host."""
     short = change_texts(module.params, lambda text: text if len(text) <= _LONG else f"({len(text)} characters)")
     return {} if short == module.params else {"invocation": {"module_args": short}}
 

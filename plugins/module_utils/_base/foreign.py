@@ -15,7 +15,7 @@ from .commands import BASE_PATH, MOST, Answer, find_nobody, run
 
 _LONGEST = 256 << 10  # bytes of a line of JSON: a number of some millions of digits would keep a processor for minutes
 
-# Reads what to run, since systemd would read `$` and `%` in a command line of its own.
+# Reads the command, since systemd would read `$` and `%` in a command line of its own.
 _LAUNCH = """
 import json, os, sys, tempfile
 argv, variables, given = json.load(sys.stdin)

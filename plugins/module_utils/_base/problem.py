@@ -22,9 +22,9 @@ _REMEDIES = {
     errno.EISDIR: "correct the path, or move the folder away",
     errno.EINVAL: "correct the path, or move that away",
     errno.ENOENT: "correct the path, or make its folder",
-    errno.ENOTDIR: "correct the path, or move away what stands in the place of its folder",
-    errno.EFBIG: "correct the path, or look at what fills the file",
-    errno.EBUSY: "look at what is mounted there",
+    errno.ENOTDIR: "correct the path, or move away the file in the place of its folder",
+    errno.EFBIG: "correct the path, or look at the program that fills the file",
+    errno.EBUSY: "look at the file system that is mounted there",
 }
 
 
@@ -33,23 +33,23 @@ def remedy(problem: OSError) -> str:
     if problem.errno in (errno.EACCES, errno.EPERM):
         if os.geteuid() != 0:
             return "run as root (become: true)"
-        return "look at what forbids it to root: an immutable file (lsattr; chattr -i), a security module or a network disk"
+        return "look for the reason that forbids it to root: an immutable file (lsattr; chattr -i), a security module or a network disk"
     return _REMEDIES.get(problem.errno or 0, "look at the file, its file system and its disk")
 
 
-def tell_reason(problem: BaseException) -> str:
+def explain_error(problem: BaseException) -> str:
     """Return why something failed: the words of the kernel, without a number, or else those of the error."""
     return getattr(problem, "strerror", None) or str(problem)
 
 
 def unreadable(problem: OSError) -> str:
     """Return the sentence for a user about a file that cannot be read."""
-    return _tell(problem, "read", "regular")
+    return _write_sentence(problem, "read", "regular")
 
 
 @contextlib.contextmanager
 def explain_unreadable(end: str = "Nothing was changed.") -> typing.Iterator[None]:
-    """Raise Problem for an OSError in this block: the sentence about the file, and how things stand."""
+    """Raise Problem for an OSError in this block: the sentence about the file, and the state of things."""
     try:
         yield
     except OSError as problem:
@@ -59,10 +59,10 @@ def explain_unreadable(end: str = "Nothing was changed.") -> typing.Iterator[Non
 def sentence(problem: Exception) -> str:
     """Return the sentence for a user about a half-done change: the words of a Problem, or the file of an OSError."""
     if isinstance(problem, OSError):
-        return _tell(problem, "written", "writable")
+        return _write_sentence(problem, "written", "writable")
     return str(problem)
 
 
-def _tell(problem: OSError, deed: str, kind: str) -> str:
+def _write_sentence(problem: OSError, action: str, kind: str) -> str:
     name, why = quote(problem.filename or "") or "A file", problem.strerror or quote(problem)
-    return f"{name} cannot be {deed} ({why}); expected a {kind} file: {remedy(problem)}."
+    return f"{name} cannot be {action} ({why}); expected a {kind} file: {remedy(problem)}."

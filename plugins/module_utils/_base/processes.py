@@ -15,7 +15,7 @@ _MOST_ANCESTORS = 64
 
 
 class Stat(typing.NamedTuple):
-    """What /proc/PID/stat tells of a process (proc(5))."""
+    """The state of a process in /proc/PID/stat (proc(5))."""
 
     name: str
     state: str  # a letter
@@ -35,16 +35,16 @@ def ancestors(proc: str = "/proc") -> typing.Iterator[typing.Tuple[int, str, str
 
 
 def _read_stat(pid: typing.Union[int, str], proc: str) -> typing.Optional[Stat]:
-    """Read the state of a process; None where it has ended, or where the text is cut off."""
+    """Read the state of a process; None if it has ended, or if the text is cut off."""
     before, _bracket, after = text(f"{proc}/{pid}/stat").rpartition(")")  # a name may hold blanks and brackets
     words = after.split()
-    if len(words) <= 20:  # the start is the word 19, and complete where another one follows
+    if len(words) <= 20:  # the start is the word 19, and complete if another one follows
         return None
     return Stat(before.partition("(")[2], words[0], int(words[1]), words[19])
 
 
 def find_parent(pid: int, proc: str = "/proc") -> int:
-    """Return the number of the process that started another one; 0 where that has ended."""
+    """Return the number of the process that started another one; 0 if that has ended."""
     stat = _read_stat(pid, proc)
     return stat.parent if stat is not None else 0
 
@@ -52,14 +52,14 @@ def find_parent(pid: int, proc: str = "/proc") -> int:
 def environment(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Dict[str, str]:
     """Read the variables with which a process was started (proc(5), /proc/PID/environ).
 
-    Raises OSError where the process has ended, or where this user may not look at it: root in a container may not.
+    Raises OSError if the process has ended, or if this user may not look at it: root in a container may not.
     """
     with open(os.path.join(proc, str(pid), "environ"), "rb") as stream:
         return parse(stream.read())
 
 
 def start_time(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[float]:
-    """Return the Unix time at which a process was started; None where it has ended, or where no uptime can be read."""
+    """Return the Unix time at which a process was started; None if it has ended, or if no uptime can be read."""
     stat, uptime = _read_stat(pid, proc), text(f"{proc}/uptime").split()
     if stat is None or not uptime:
         return None
@@ -67,7 +67,7 @@ def start_time(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optio
 
 
 def count_files(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Optional[typing.Tuple[int, int]]:
-    """Count the open files of a process, and return its limit, too (getrlimit(2), RLIMIT_NOFILE); None where this user may not look."""
+    """Count the open files of a process, and return its limit, too (getrlimit(2), RLIMIT_NOFILE); None if this user may not look."""
     limit = file_limit(pid, proc)
     try:
         return (len(os.listdir(f"{proc}/{pid}/fd")), limit) if limit else None
@@ -76,13 +76,13 @@ def count_files(pid: typing.Union[int, str], proc: str = "/proc") -> typing.Opti
 
 
 def file_limit(pid: typing.Union[int, str], proc: str = "/proc") -> int:
-    """Return how many files a process may open (the soft limit of proc(5), /proc/PID/limits); 0 where it has ended."""
+    """Return how many files a process may open (the soft limit of proc(5), /proc/PID/limits); 0 if it has ended."""
     line = re.search(r"^Max open files +(\d{1,19}) ", text(f"{proc}/{pid}/limits", 4096), re.MULTILINE)
     return int(line.group(1)) if line else 0
 
 
 def is_stopped(pid: typing.Union[int, str], proc: str = "/proc") -> bool:
-    """Return True if a process is stopped by a signal or a debugger; False where it has ended."""
+    """Return True if a process is stopped by a signal or a debugger; False if it has ended."""
     stat = _read_stat(pid, proc)
     return stat is not None and stat.state in "Tt"
 

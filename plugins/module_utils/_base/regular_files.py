@@ -23,7 +23,7 @@ def read_regular(path: str, most: typing.Optional[int] = None) -> bytes:
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     except OSError as problem:
-        if problem.errno == errno.ENXIO:  # what open(2) answers for a socket
+        if problem.errno == errno.ENXIO:  # the error of open(2) for a socket
             raise OSError(errno.EINVAL, "Is a socket", path) from problem
         raise
     try:

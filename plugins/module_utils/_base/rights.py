@@ -12,12 +12,12 @@ _CAP_NET_ADMIN = 12  # linux/capability.h
 
 
 def may_change_network() -> bool:
-    """True where the kernel takes changes of interfaces and routes from this process (capabilities(7))."""
+    """True if the kernel takes changes of interfaces and routes from this process (capabilities(7))."""
     return _may(1 << _CAP_NET_ADMIN)
 
 
 def has_all_rights() -> bool:
-    """True where this process has all capabilities that the kernel knows."""
+    """True if this process has all capabilities that the kernel knows."""
     last = text("/proc/sys/kernel/cap_last_cap").strip()
     return _may((1 << int(last) + 1) - 1) if last.isdigit() else os.geteuid() == 0
 

@@ -76,7 +76,7 @@ class TrustCheck:
         return list(doubts)
 
     def _look(self, path: str, last: bool, doubts: typing.Dict[Doubt, None]) -> typing.Optional[bool]:
-        """Note the users that can change this one part. False where it is not there, None after the limit of parts."""
+        """Note the users that can change this one part. False if it is not there, None after the limit of parts."""
         if (path, last) not in self._seen:
             if len(self._seen) >= self._most:
                 doubts[Doubt(EVERYBODY, f"its paths have more than {self._most} parts{_UNKNOWN}")] = None

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The contract: what the modules that measure answer. Their RETURN and the controller's door for answers are made of it."""
+"""The contract: the answers of the modules that measure. Their RETURN and the controller's door for answers are made of it."""
 
 import typing
 

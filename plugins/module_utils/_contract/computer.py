@@ -26,7 +26,7 @@ class RefusedName(Struct):
 
 
 class ServiceState(Struct):
-    """A systemd service of the collection; `differing` is None where its process cannot be looked at."""
+    """A systemd service of the collection; `differing` is None if its process cannot be looked at."""
 
     name: str = field("The service.", "discovery", needed=True)
     unit: str = field("Its unit.", "multimaster-discovery.service", needed=True)
@@ -36,39 +36,39 @@ class ServiceState(Struct):
     restarts: int = field("How often systemd had to start it again by itself.", 0)
     differing: typing.Optional[typing.Tuple[str, ...]] = field(
         "The variables of O(environment_file) and of O(variables) that its running process has with another value, or not at all. Null "
-        "where the process cannot be looked at.",
+        "if the process cannot be looked at.",
         [],
         default=(),
     )
     drop_ins: typing.Tuple[str, ...] = field(
-        "The drop-in files of its unit that set variables. They are looked for where some variables differ.", []
+        "The drop-in files of its unit that set variables. They are looked for if some variables differ.", []
     )
     since: str = field(
-        "C(StateChangeTimestamp) of systemd, when it became what it is, empty where it never ran.",
+        "C(StateChangeTimestamp) of systemd, the time of its last change of state, empty if it never ran.",
         "Sun 2026-11-22 09:12:44 UTC",
     )
     stopped: bool = field(
         "Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.", False
     )
     refused: typing.Tuple[str, ...] = field(
-        "The names of other robots that this service refuses, as master_sync tells systemd.", []
+        "The names of other robots that this service refuses, as master_sync reports them to systemd.", []
     )
     refusals: typing.Tuple[RefusedName, ...] = field(
-        "The same names with the reasons, 50 at most; a master_sync of an older release tells none.",
+        "The same names with the reasons, 50 at most; a master_sync of an older release reports none.",
         added="1.1.0",
     )
     age_s: typing.Optional[float] = field(
         "The seconds since its last start, by a clock of this computer that nobody steps, or null.", 86400.5
     )
     open_files: typing.Optional[int] = field(
-        "How many files its process with the fewest left has open, or null where it cannot be looked at.", 18
+        "How many files its process with the fewest left has open, or null if it cannot be looked at.", 18
     )
     most_files: typing.Optional[int] = field(
         "How many files this process may have open (C(RLIMIT_NOFILE)), or null.", 1024
     )
     result: str = field(
-        "How it ended last, where systemd has started it again, or it has failed. C(Result) of systemd, such as V(oom-kill), V(signal) "
-        "or V(exit-code), or V(watchdog) where multimaster-watchdog.service has ended it. Empty where nothing is known.",
+        "How it ended last, if systemd has started it again, or it has failed. C(Result) of systemd, such as V(oom-kill), V(signal) "
+        "or V(exit-code), or V(watchdog) if multimaster-watchdog.service has ended it. Empty if nothing is known.",
         "",
         added="1.1.0",
     )
@@ -87,8 +87,8 @@ class BootDeviation(Struct):
         needed=True,
     )
     name: str = field("The unit, the setting, the route or the file.", "net.ipv4.ip_forward", needed=True)
-    expected: str = field("What the plan has.", "1")
-    found: str = field("What the files of this computer will bring.", "/etc/sysctl.d/99-local.conf line 3 sets 0")
+    expected: str = field("The planned value.", "1")
+    found: str = field("The value by the files of this computer.", "/etc/sysctl.d/99-local.conf line 3 sets 0")
     file: str = field("The file that decides; empty if none does.", "/etc/sysctl.d/99-local.conf line 3")
     when: str = field(
         "The time of the last change of this file, or an empty text without a file.", "2026-11-22 09:12:44 UTC"
@@ -99,7 +99,7 @@ class RecentChange(Struct):
     """A file that was changed, or a service that was started, and when."""
 
     about: str = field(
-        "What it decides, V(names), the V(order) of name services, the rules of V(ufw), V(firewalld), V(docker), V(libvirtd) or "
+        "The subject of its decision, V(names), the V(order) of name services, the rules of V(ufw), V(firewalld), V(docker), V(libvirtd) or "
         "V(fail2ban), or those of a table of nftables, such as V(table inet filter).",
         "names",
         needed=True,
@@ -110,11 +110,11 @@ class RecentChange(Struct):
 
 
 class Disk(Struct):
-    """The room for an ordinary user where services write; None where the file system does not count it."""
+    """The room for an ordinary user on the disks of services; None if the file system does not count it."""
 
     path: str = field("The first of the folders on it.", "/var/lib", needed=True)
     free_bytes: typing.Optional[int] = field("Bytes.", 5368709120)
-    free_files: typing.Optional[int] = field("Files, or null where the file system does not count them.", 300000)
+    free_files: typing.Optional[int] = field("Files, or null if the file system does not count them.", 300000)
 
 
 class FileLimit(Struct):
@@ -150,7 +150,7 @@ class NodeHost(Struct):
     ports: typing.Tuple[int, ...] = field("The TCP ports on which the process listens.", [41233, 46011])
     node: str = field("The name of the node in its command line, or its program.", "odom_pub")
     master: str = field("The URI of the roscore that it uses, if that is not the planned one; else empty.", "")
-    starter: str = field("What has started it, V(shell), V(unit), V(launch) for roslaunch, or V(container).", "shell")
+    starter: str = field("Its starter, V(shell), V(unit), V(launch) for roslaunch, or V(container).", "shell")
     launch: str = field("The name of the launch file, or empty.", "")
     stopped: bool = field("Whether it is stopped by a signal or a debugger.", False)
     readable: bool = field("Whether its environment can be read; in some containers root may not.", True, default=True)

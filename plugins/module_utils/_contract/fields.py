@@ -47,8 +47,8 @@ def field(
 ) -> typing.Any:
     """Describe a field of a Struct.
 
-    The `sample` of a Struct, or of a list of them, is made of their fields where it is left out. The default value is the empty
-    one of the type: null where that is allowed, else an empty text, list or Struct, false, 0, or the first word.
+    The `sample` of a Struct, or of a list of them, is made of their fields if it is left out. The default value is the empty
+    one of the type: null if that is allowed, else an empty text, list or Struct, false, 0, or the first word.
     With `kept=False` it is for people, and for modules that call this one.
     """
     return Field(None, text, sample, default, needed, returned, kept, added)
@@ -103,7 +103,7 @@ def find_struct(kind: typing.Any) -> typing.Optional[typing.Type["Struct"]]:
 
 
 def make_sample(entry: Field) -> typing.Any:
-    """Return an example of a field as plain data; None where it has none."""
+    """Return an example of a field as plain data; None if it has none."""
     struct = find_struct(entry.kind)
     if entry.sample is not None or struct is None:
         return entry.sample

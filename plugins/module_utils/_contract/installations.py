@@ -14,7 +14,7 @@ class RosNode(Struct):
     package: str = field("The ROS package.", "fkie_master_discovery")
     executable: str = field("The executable.", "master_discovery")
     path: str = field(
-        "Where it is, empty where it was not found.", "/opt/ros/noetic/lib/fkie_master_discovery/master_discovery"
+        "Its path, empty if it was not found.", "/opt/ros/noetic/lib/fkie_master_discovery/master_discovery"
     )
     problem: str = field("Why an unprivileged user could not run it, or empty.", "")
     lacks: typing.Tuple[str, ...] = field("Those of its programs that are not in the PATH of ROS.", ["screen"])
@@ -30,22 +30,22 @@ class RosInstallation(Struct):
     distro: str = field("The distribution of ROS, V(debian) for Debian's packages.", "noetic")
     version: str = field("V(1) or V(2). A ROS 2 is never chosen.", "1")
     python: str = field(
-        "The interpreter that ROS is used with, that of the prefix where the prefix has one of its own, as those of conda have.",
+        "The interpreter that ROS is used with, that of the prefix if the prefix has one of its own, as those of conda have.",
         "/usr/bin/python3",
     )
-    python_version: str = field("The version of that interpreter, empty where it was not asked.", "3.8.10")
+    python_version: str = field("The version of that interpreter, empty if it was not asked.", "3.8.10")
     environment: typing.Dict[str, typing.Any] = field(
         "The variables that the set-up file makes; of C(PATH) only the entries that it adds.",
         {"ROS_DISTRO": "noetic", "PATH": "/opt/ros/noetic/bin"},
     )
     for_root: typing.Dict[str, typing.Any] = field(
-        "The variables that root may have. Where the set-up file or a folder of its lists is not root's alone, they are those of the "
-        "set-up file below C(/opt/ros) on which the workspace is built, and none where it is built on none, or that one is not root's "
-        "alone either.",
+        "The variables that root may have. If not only root may change the set-up file and the folders of its lists, they are those of the "
+        "set-up file below C(/opt/ros) on which the workspace is built, and none if it is built on none, or if others than root may change "
+        "that one, too.",
         {"ROS_DISTRO": "noetic", "PATH": "/opt/ros/noetic/bin"},
     )
     below: str = field(
-        "The set-up file of RV(ros.found[].for_root) where it differs from RV(ros.found[].setup), or empty.", ""
+        "The set-up file of RV(ros.found[].for_root) if it differs from RV(ros.found[].setup), or empty.", ""
     )
     person: str = field(
         "The user who gets all of RV(ros.found[].environment), V(*) for every user but root, empty for no user. Services get them in "
@@ -60,11 +60,11 @@ class RosInstallation(Struct):
     rospy: bool = field("Whether an unprivileged user can import rospy.", True)
     missing: typing.Tuple[str, ...] = field("The needed Python modules that cannot be imported.", [])
     commands: typing.Dict[str, typing.Any] = field(
-        "Where the commands C(roscore), C(rostopic) and C(rosservice) are, each empty where it is not there.",
+        "The paths of the commands C(roscore), C(rostopic) and C(rosservice), each empty if it is not there.",
         {"roscore": "/opt/ros/noetic/bin/roscore", "rostopic": "/opt/ros/noetic/bin/rostopic", "rosservice": ""},
     )
     hooks: str = field(
-        "The folder of shell files that the set-up file sources at its end, where root alone can change it, or empty.",
+        "The folder of shell files that the set-up file sources at its end, if only root can change it, or empty.",
         "/opt/ros/noetic/etc/catkin/profile.d",
     )
     hooks_doubt: str = field(
@@ -74,7 +74,7 @@ class RosInstallation(Struct):
     nodes: typing.Tuple[RosNode, ...] = field(
         "The executables of O(nodes), looked for in the chosen installation only."
     )
-    problem: str = field("One sentence about what is wrong with this installation, or empty.", "")
+    problem: str = field("One sentence about the fault of this installation, or empty.", "")
 
 
 class RosFacts(Struct):
@@ -94,10 +94,10 @@ class RosFacts(Struct):
 class RoscoreProcess(Struct):
     """The process of a roscore."""
 
-    pid: int = field("Its number, 0 where it cannot be seen.", 512)
+    pid: int = field("Its number, 0 if it cannot be seen.", 512)
     command: str = field("Its command line.", "/usr/bin/python3 /usr/bin/rosmaster --core -p 11311")
     user: str = field("The user who owns the socket.", "robot")
-    unit: str = field("Its systemd unit, empty where it has none.", "roscore.service")
+    unit: str = field("Its systemd unit, empty if it has none.", "roscore.service")
     container: bool = field("Whether it runs in a container.", False)
 
 
@@ -108,7 +108,7 @@ class DiscoveredMaster(Struct):
     uri: str = field("The URI of its roscore.", "http://kobuki2computer:11311/")
     online: bool = field("Whether it is heard.", True)
     discoverer_name: str = field("The name of its discovery node.", "/master_discovery")
-    monitoruri: str = field("Where its discovery node answers.", "http://192.168.1.239:11611")
+    monitoruri: str = field("The URI at which its discovery node answers.", "http://192.168.1.239:11611")
 
 
 class RegisteredDiscovery(Struct):
@@ -117,21 +117,22 @@ class RegisteredDiscovery(Struct):
     node: str = field("The name of the node.", "/master_discovery")
     service: str = field("The name of its service.", "/master_discovery/list_masters")
     implementation: str = field(
-        "V(bundled), V(upstream) for multimaster_fkie, or V(fkie_mas) for its successor, which the type of its service tells. Empty "
-        "where it does not answer at RV(masters[].discovery[].uri).",
+        "V(bundled), V(upstream) for multimaster_fkie, or V(fkie_mas) for its successor, by the type of its service. Empty "
+        "if it does not answer at RV(masters[].discovery[].uri).",
         "upstream",
     )
     uri: str = field(
-        "Where it answers other robots, empty where it does not list its own master.", "http://192.168.1.229:11611"
+        "The URI at which it answers other robots, empty if it does not list its own master.",
+        "http://192.168.1.229:11611",
     )
     group: str = field(
-        "Its multicast group, as its parameter at the roscore says; empty where that is not set.", "226.0.0.0"
+        "Its multicast group, as its parameter at the roscore says; empty if that is not set.", "226.0.0.0"
     )
     group_port: int = field(
-        "The UDP port of the heartbeats, as its parameter at the roscore says; 0 where that is not set.", 11511
+        "The UDP port of the heartbeats, as its parameter at the roscore says; 0 if that is not set.", 11511
     )
     masters: typing.Tuple[DiscoveredMaster, ...] = field("The masters that it lists, its own among them.")
-    error: str = field("Why it did not tell its masters, or empty.", "")
+    error: str = field("Why it did not list its masters, or empty.", "")
 
 
 class SyncImport(Struct):
@@ -152,8 +153,8 @@ class RegisteredSync(Struct):
         "V(bundled), V(upstream) or V(fkie_mas). The bundled one writes the parameter C(/rosfleet_multimaster/imports).",
         "upstream",
     )
-    imports: typing.Tuple[SyncImport, ...] = field("What it has registered for each other master.")
-    error: str = field("Why it did not tell them, or empty.", "")
+    imports: typing.Tuple[SyncImport, ...] = field("Its registrations for each other master.")
+    error: str = field("Why it did not list them, or empty.", "")
 
 
 class RunningMaster(Struct):
@@ -162,13 +163,13 @@ class RunningMaster(Struct):
     port: int = field("The TCP port on which it listens.", 11311)
     process: RoscoreProcess = field("The process that has the port open, as far as this user may see it.")
     uri: str = field("The URI by which the roscore calls itself.", "http://kobuki1computer:11311/")
-    pid: int = field("The process number that the roscore tells.", 512)
+    pid: int = field("The process number that the roscore reports.", 512)
     run_id: str = field(
-        "The parameter C(/run_id), another one for each start of a roscore; empty where it is not set.",
+        "The parameter C(/run_id), another one for each start of a roscore; empty if it is not set.",
         "2bb5b2a4-e5e1-11f1-8d6a-0242c0a801e5",
     )
-    rosdistro: str = field("The parameter C(/rosdistro), empty where it is not set.", "noetic")
-    rosversion: str = field("The parameter C(/rosversion), empty where it is not set.", "1.15.15")
+    rosdistro: str = field("The parameter C(/rosdistro), empty if it is not set.", "noetic")
+    rosversion: str = field("The parameter C(/rosversion), empty if it is not set.", "1.15.15")
     nodes: int = field("How many nodes are registered with a topic or a service, those of other robots included.", 7)
     topics: int = field("How many topics have a publisher or a subscriber.", 12)
     services: int = field("How many services are registered.", 30)
@@ -179,6 +180,6 @@ class RunningMaster(Struct):
         "The robot's own sync nodes, known by a service C(get_sync_info) in any namespace; eight at most."
     )
     error: str = field(
-        "Why the roscore gave no answer, or empty. Where something else than a roscore answers on a port, there is no entry.",
+        "Why the roscore gave no answer, or empty. If something else than a roscore answers on a port, there is no entry.",
         "",
     )

@@ -24,7 +24,7 @@ class GroupRoute(Struct):
 
 
 class DatagramCounts(Struct):
-    """The datagrams between the computer and another computer; None where no count came back."""
+    """The datagrams between the computer and another computer; None if no count came back."""
 
     name: str = field("The name of the other computer.", "kobuki2computer", needed=True)
     address: str = field("Its planned address.", "192.168.1.239")
@@ -38,12 +38,12 @@ class DatagramCounts(Struct):
     other_interfaces: typing.Tuple[str, ...] = field("Other interfaces of this computer on which they arrive.", [])
     heard_by: typing.Optional[bool] = field(
         "Whether the other computer heard this computer's datagrams to the group while it measured, by its own count. Null when no "
-        "count came back, which proves nothing (its own RV(udp[].heard_from) then tells), and where O(computers[].multicast=false) for "
+        "count came back, which proves nothing (its own RV(udp[].heard_from) then shows it), and if O(computers[].multicast=false) for "
         "one of the two.",
         True,
     )
     loss: typing.Optional[float] = field(
-        "The share of this computer's datagrams to the group that the other did not hear, from 0 to 1. Null without a count, and where "
+        "The share of this computer's datagrams to the group that the other did not hear, from 0 to 1. Null without a count, and if "
         "O(computers[].multicast=false) for one of the two.",
         0.0,
     )
@@ -135,13 +135,13 @@ class Multicast(Struct, returned="when O(action=collect)"):
         returned="always",
     )
     udp: typing.Tuple[DatagramCounts, ...] = field(
-        "For every other computer, what UDP datagrams on the group and port showed."
+        "For every other computer, the result of UDP datagrams on the group and port."
     )
     unexpected: typing.Tuple[Stranger, ...] = field(
         "Sources of datagrams on the group and port that are no computers of the fleet."
     )
     callers: typing.Tuple[LocalCaller, ...] = field(
-        "Who has sent empty datagrams to O(port) of this computer itself since the helper was started. A computer that has sent some "
+        "The senders of empty datagrams to O(port) of this computer itself since the helper was started. A computer that has sent some "
         "and is not among them is seen from another address, or its datagrams are dropped."
     )
     icmp: typing.Optional[Icmp] = field(
@@ -153,7 +153,7 @@ class Multicast(Struct, returned="when O(action=collect)"):
         {"count": 0, "last": None},
     )
     route: GroupRoute = field(
-        "Where a program's datagrams to the group go, when it does not choose an interface itself.",
+        "The interface by which a program's datagrams to the group leave, if it does not choose an interface itself.",
         returned="always",
         kept=False,
     )
@@ -165,7 +165,7 @@ class Multicast(Struct, returned="when O(action=collect)"):
     )
     heard: typing.Tuple[str, ...] = field("The names of the computers that are heard.", ["kobuki2computer"], kept=False)
     missing: typing.Tuple[str, ...] = field(
-        "The names of the computers that are not heard, or that counted none of this computer's datagrams; where the group does not "
+        "The names of the computers that are not heard, or that counted none of this computer's datagrams; if the group does not "
         "reach one of the two, by unicast.",
         [],
         kept=False,
@@ -181,7 +181,7 @@ class Multicast(Struct, returned="when O(action=collect)"):
         kept=False,
     )
     msg: str = field(
-        "What was found, in a sentence or a few; of missing computers also the likely causes.",
+        "The result, in a sentence or a few; of missing computers also the likely causes.",
         "Every other computer (1) is heard on the group and hears this one.",
         returned="always",
         kept=False,

@@ -14,10 +14,10 @@ class TargetRoute(Struct):
 
     device: typing.Optional[str] = field("The interface, or null without a route.", "eth0")
     source: typing.Optional[str] = field("The source address, or null without a route.", "192.168.1.229")
-    gateway: typing.Optional[str] = field("The gateway, or null where the computer is on the same network.")
+    gateway: typing.Optional[str] = field("The gateway, or null if the computer is on the same network.")
     error: str = field("Why there is no route, or empty.", "")
     metric: typing.Optional[str] = field(
-        "The metric of the route, or null where it has none.", "100", returned="where there is a route", kept=False
+        "The metric of the route, or null if it has none.", "100", returned="if there is a route", kept=False
     )
 
 
@@ -55,7 +55,7 @@ class SeenMember(Struct):
         "The route that the kernel takes to the planned address.", returned="for every other computer"
     )
     discovery_route: typing.Optional[TargetRoute] = field(
-        "The route to RV(members[].name)'s O(members[].discovery_address), as RV(members[].route); null where that is its address.",
+        "The route to RV(members[].name)'s O(members[].discovery_address), as RV(members[].route); null if that is its address.",
         returned="for every other computer",
     )
     ping_address: typing.Optional[Ping] = field(
@@ -67,7 +67,7 @@ class SeenMember(Struct):
     )
     ping_large: typing.Optional[Ping] = field(
         "The same for packets to the planned address that are as large as this computer's interface allows, 1500 bytes at most, and "
-        "that no router may split. A router that tells that they are too large for the next network is as good as an answer. Null where"
+        "that no router may split. A router that reports that they are too large for the next network is as good as an answer. Null if"
         " small ones are not answered.",
         {
             "ok": True,
@@ -87,23 +87,23 @@ class SeenMember(Struct):
         returned="for every other computer",
     )
     neighbour_fixed: bool = field(
-        "Whether somebody has set that hardware address by hand, so that the kernel does not ask for it.",
+        "Whether a person or a program has set that hardware address, so that the kernel does not ask for it.",
         False,
         returned="for every other computer",
     )
     user_addresses: typing.Optional[typing.Tuple[str, ...]] = field(
-        "The IPv4 addresses that its name has for the user C(nobody), or null where that was not looked up.",
+        "The IPv4 addresses that its name has for the user C(nobody), or null if that was not looked up.",
         ["192.168.1.239"],
     )
     loss: typing.Optional[float] = field(
-        "The share of 20 further small echo requests to the planned address that have no answer, from 0 to 1; null where none were "
+        "The share of 20 further small echo requests to the planned address that have no answer, from 0 to 1; null if none were "
         "sent. In a large fleet they are sent to some of the computers, 32 at most.",
         0.0,
         returned="for every other computer",
     )
     tcp: str = field(
-        "Where no ping is answered, what TCP port 9 (discard) of the planned address says, V(refused) where the computer is there all "
-        "the same, or why nothing came back. Empty where a ping is answered.",
+        "If no ping is answered, the answer of TCP port 9 (discard) of the planned address, V(refused) if the computer is there all "
+        "the same, or why nothing came back. Empty if a ping is answered.",
         "",
         returned="for every other computer",
     )
@@ -113,8 +113,8 @@ class SeenMember(Struct):
         returned="for every other computer",
     )
     silent: bool = field(
-        "Whether no ping was answered, and within 3.5 seconds no computer on the way told why, neither this computer's kernel nor a "
-        "gateway. Where no computer has the next address on the way, they would.",
+        "Whether no ping was answered, and within 3.5 seconds no computer on the way reported a reason, neither this computer's kernel nor a "
+        "gateway. If no computer has the next address on the way, they would.",
         False,
         returned="for every other computer",
     )
@@ -132,10 +132,10 @@ class Claim(Struct):
 
 
 class PolicyRouting(Struct):
-    """Rules and routes beside the main table: lines of `ip rule` and of `ip route show table all`."""
+    """Rules and routes outside of the main table: lines of `ip rule` and of `ip route show table all`."""
 
     rules: typing.Tuple[str, ...] = field(
-        "The rules beside the kernel's own, as C(ip rule) prints them, 100 at most.",
+        "The rules without the kernel's own, as C(ip rule) prints them, 100 at most.",
         ["100: from all to 192.168.12.0/24 lookup 77"],
     )
     closed: typing.Tuple[str, ...] = field(
@@ -148,13 +148,13 @@ class DefaultRoute(Struct):
     """A default route of the computer."""
 
     device: typing.Optional[str] = field("The interface.", "eth0")
-    source: typing.Optional[str] = field("The source address, or null where the route names none.")
-    gateway: typing.Optional[str] = field("The gateway, or null where the route names none.", "192.168.1.1")
-    metric: typing.Optional[str] = field("The metric, or null where the route names none, which is the metric 0.")
+    source: typing.Optional[str] = field("The source address, or null if the route names none.")
+    gateway: typing.Optional[str] = field("The gateway, or null if the route names none.", "192.168.1.1")
+    metric: typing.Optional[str] = field("The metric, or null if the route names none, which is the metric 0.")
 
 
 class ForwardingInterface(Struct):
-    """The kernel's settings of one interface; a setting is None where it cannot be read."""
+    """The kernel's settings of one interface; a setting is None if it cannot be read."""
 
     interface: str = field("The interface.", "eth0", needed=True)
     addresses: typing.Tuple[str, ...] = field("Its IPv4 addresses.", ["192.168.1.201"])
@@ -165,14 +165,14 @@ class ForwardingInterface(Struct):
     send_redirects: typing.Optional[int] = field("Whether ICMP redirects are sent there, or null.", 1)
     prefixes: typing.Tuple[int, ...] = field("The length of the network prefix of each of the addresses.", [24])
     mtu: typing.Optional[int] = field(
-        "The largest packet that the interface sends, in bytes, or null where it cannot be read.", 1500
+        "The largest packet that the interface sends, in bytes, or null if it cannot be read.", 1500
     )
     mac: str = field("The hardware address of the interface, or empty.", "02:42:c0:a8:01:c9")
     state: str = field(
-        "The operational state of the interface as the kernel tells it, such as V(up) or V(down), or empty.", "up"
+        "The operational state of the interface as the kernel reports it, such as V(up) or V(down), or empty.", "up"
     )
     carrier_changes: typing.Optional[int] = field(
-        "How often its link came or went since the interface is there, or null where the kernel does not count.", 2
+        "How often its link came or went since the interface is there, or null if the kernel does not count.", 2
     )
     last: str = field(
         "Of an interface that is down, the last line of the journal about its link, with its time, or empty.",
@@ -180,10 +180,10 @@ class ForwardingInterface(Struct):
     )
     point_to_point: bool = field("Whether the interface is one end of a link with two ends, such as a tunnel.", False)
     power_save: typing.Optional[bool] = field(
-        "Whether a wireless interface saves power, as C(iw) tells; null of any other one, and without C(iw).", False
+        "Whether a wireless interface saves power, as C(iw) reports; null of any other one, and without C(iw).", False
     )
     port_of: str = field(
-        "The bridge or bond of which it is a port, or empty. What comes in at a port belongs to the interface above it.",
+        "The bridge or bond of which it is a port, or empty. A packet that comes in at a port belongs to the interface above it.",
         "",
     )
 
@@ -191,7 +191,7 @@ class ForwardingInterface(Struct):
 class ForwardingSettings(Struct):
     """The settings that decide whether the computer passes packets on."""
 
-    ip_forward: typing.Optional[int] = field("C(net.ipv4.ip_forward), or null where it cannot be read.", 1)
+    ip_forward: typing.Optional[int] = field("C(net.ipv4.ip_forward), or null if it cannot be read.", 1)
     interfaces: typing.Tuple[ForwardingInterface, ...] = field(
         "The interfaces that have an IPv4 address.",
         [
@@ -212,7 +212,7 @@ class ForwardingSettings(Struct):
         ],
     )
     icmp_echo_ignore_all: typing.Optional[int] = field(
-        "C(net.ipv4.icmp_echo_ignore_all), V(1) where the kernel answers no pings, or null where it cannot be read.", 0
+        "C(net.ipv4.icmp_echo_ignore_all), V(1) if the kernel answers no pings, or null if it cannot be read.", 0
     )
     macs: typing.Tuple[str, ...] = field(
         "The hardware addresses of all interfaces that are up, also of those without an address, such as the ports of a bridge.",
@@ -242,7 +242,7 @@ class SeenMaster(Struct):
         "The route that the kernel takes to that address, as RV(members[].route)."
     )
     roscore: str = field(
-        "What the TCP port of its roscore answers, by O(masters[].uri), V(open) or why it does not open; empty where the URI is not "
+        "The answer of the TCP port of its roscore, by O(masters[].uri), V(open) or why it does not open; empty if the URI is not "
         "given.",
         "open",
     )
@@ -269,7 +269,7 @@ class FilterRule(Struct):
     leaving: str = field("The interface by which it goes out.", "")
     state: str = field("The state of its connection, V(new), or V(answer) for all others.", "")
     above: int = field("Only packets of more bytes.", 0)
-    chain: str = field("The chain in which the rule stands.", "input")
+    chain: str = field("The chain that has the rule.", "input")
 
 
 class FilterChain(Struct):
@@ -277,7 +277,7 @@ class FilterChain(Struct):
 
     hook: str = field("V(input), V(output), V(forward) or V(postrouting).", "forward", needed=True)
     table: str = field("The family and the table.", "ip filter")
-    policy: str = field("What becomes of a packet that no rule decides about, V(accept) or V(drop).", "drop")
+    policy: str = field("The fate of a packet that no rule decides about, V(accept) or V(drop).", "drop")
     rules: typing.Tuple[FilterRule, ...] = field(
         "The rules that are understood, those of chains that are jumped to in their place."
     )

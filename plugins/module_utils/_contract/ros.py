@@ -20,12 +20,12 @@ class RoscoreAnswer(Struct):
     error: str = field("Why there was no answer, or empty.", "")
     outcome: Outcome = field("The same as one word, V(answered), or as RV(masters[].outcome).", "answered")
     tcp_outcome: Outcome = field(
-        "Where no answer came, what a TCP connection to it gave, a word of RV(masters[].outcome). V(open) where the kernel takes it.",
+        "If no answer came, the outcome of a TCP connection to it, a word of RV(masters[].outcome). V(open) if the kernel takes it.",
         "not_tried",
         added="1.1.0",
     )
     waiting: typing.Optional[int] = field(
-        "Where no answer came, how many connections wait at its port to be taken, null where it is not on this computer.",
+        "If no answer came, how many connections wait at its port to be taken, null if it is not on this computer.",
         None,
         added="1.1.0",
     )
@@ -37,7 +37,7 @@ class ListedMaster(Struct):
     name: str = field("The name of the master.", "kobuki1computer", needed=True)
     uri: str = field("Its master URI.", "http://kobuki1computer:11311/")
     online: bool = field("Whether the discovery node takes it for online.", True)
-    monitoruri: str = field("Where its discovery node answers.", "http://192.168.1.229:11611")
+    monitoruri: str = field("The URI at which its discovery node answers.", "http://192.168.1.229:11611")
 
 
 class MasterList(Struct):
@@ -68,20 +68,20 @@ class HeardTopic(Struct):
         "The publishers of the topic as the roscore of this computer's robot knows them, as C(rostopic info) shows."
     )
     reached: str = field(
-        "Where a publisher is registered and nothing was heard, V(open) if a TCP connection to its URI opens, else why not; empty "
+        "If a publisher is registered and nothing was heard, V(open) if a TCP connection to its URI opens, else why not; empty "
         "otherwise.",
         "",
     )
     reached_outcome: Outcome = field("The same as one word, as RV(masters[].outcome).", "not_tried")
     step: str = field(
-        "Where nothing was heard, how far the call to a publisher has come. V(told), the roscore has told the listener of it; "
-        "V(answered), it has said where its topic is to be had; V(connected), its data port is open. Empty otherwise, and where the "
-        "roscore has told of none.",
+        "If nothing was heard, how far the call to a publisher has come. V(told), the roscore has announced it to the listener; "
+        "V(answered), it has named the port of its topic; V(connected), its data port is open. Empty otherwise, and if the "
+        "roscore has announced none.",
         "",
     )
     listened: bool = field("Whether the listener of this computer ran.", True, default=True)
-    heard: bool = field("Whether a subscriber on this computer hears what this run's talker says.", True)
-    text: str = field("What it heard.", "verify-1730000000 kobuki2computer")
+    heard: bool = field("Whether a subscriber on this computer hears the text of this run's talker.", True)
+    text: str = field("The text that it heard.", "verify-1730000000 kobuki2computer")
     seconds: typing.Optional[float] = field("After how many seconds of listening, or null if it heard nothing.", 0.3)
     error: str = field("Why nothing was heard, or empty.", "")
 
@@ -89,7 +89,7 @@ class HeardTopic(Struct):
 class IgnoredSender(Struct):
     """A sender of heartbeats that the computer's discovery node ignores."""
 
-    address: str = field("From where it sends.", "192.168.1.66", needed=True)
+    address: str = field("The address from which it sends.", "192.168.1.66", needed=True)
     name: str = field("The name that it says, or empty.", "rogue")
     uri: str = field("The URI of its master, or empty.", "http://rogue:11311/")
     why: str = field("Why it is ignored.", "it is no robot of the fleet")
@@ -153,7 +153,7 @@ class SilentNode(Struct):
     error: str = field("Why it does not answer.", "Connection refused")
     outcome: Outcome = field("The same as one word of RV(masters[].outcome).", "refused")
     tcp_outcome: Outcome = field(
-        "What came of a TCP connection to it, V(open) where the node takes it and does not answer.", "refused"
+        "The outcome of a TCP connection to it, V(open) if the node takes it and does not answer.", "refused"
     )
     port: int = field("The port in its URI.", 41233)
 
@@ -192,10 +192,10 @@ class SeenRelay(Struct):
     host: str = field("Its address.", "192.168.1.239")
     port: int = field("The TCP port of its relay.", 11911)
     outcome: Outcome = field(
-        "What became of the question what it offers, V(answered), or as RV(masters[].outcome).", "answered"
+        "The outcome of the question for its offers, V(answered), or as RV(masters[].outcome).", "answered"
     )
     data_port: int = field("The TCP port of its data, as it answers, or 0.", 40811)
-    data_outcome: Outcome = field("What a TCP connection to that port gave, as RV(masters[].outcome).", "open")
+    data_outcome: Outcome = field("The outcome of a TCP connection to that port, as RV(masters[].outcome).", "open")
     error: str = field("Why one of the two failed, or empty.", "")
     crossing: typing.Tuple[CrossingTopic, ...] = field(
         "Two of the topics that come from that robot alone, none of images or point clouds if there are others."
@@ -209,7 +209,7 @@ class AnnouncedHost(Struct):
     host: str = field("The host in its URI.", "127.0.0.1")
     port: int = field("The port in its URI, 0 without one.", 41233)
     addresses: typing.Tuple[str, ...] = field(
-        "What that host means on the computer of the roscore, if it is a name.", []
+        "The addresses of that host on the computer of the roscore, if it is a name.", []
     )
     services: str = field(
         "The host of its services, if that is another computer than the one of the node; else empty.", ""
@@ -237,7 +237,7 @@ class NodeConnection(Struct):
     node: str = field("The own node.", "/base", needed=True)
     topic: str = field("The topic.", "/goal", needed=True)
     direction: str = field("V(in), if the own node is the subscriber, or V(out).", "in", needed=True)
-    peer: str = field("The other node, or its URI where this roscore does not know it.", "/planner", needed=True)
+    peer: str = field("The other node, or its URI if this roscore does not know it.", "/planner", needed=True)
     host: str = field("The other end as the own node names it.", "kobuki2computer", needed=True)
     robot: str = field("The robot of that host.", "kobuki2", needed=True)
 
@@ -250,7 +250,7 @@ class Exchange(Struct):
     topics: typing.Tuple[RegisteredTopic, ...] = field("The topics that the robot's own nodes have registered.")
     services: typing.Tuple[RegisteredService, ...] = field("The services of the robot's own nodes.")
     imports: typing.Tuple[Import, ...] = field(
-        "What is registered for other masters, by the parameter C(/rosfleet_multimaster/imports), or by the service C(get_sync_info) of"
+        "The registrations for other masters, by the parameter C(/rosfleet_multimaster/imports), or by the service C(get_sync_info) of"
         " another implementation of master_sync."
     )
     silent: typing.Tuple[str, ...] = field(
@@ -290,7 +290,7 @@ class SentTopic(Struct):
 
 
 class NodeTraffic(Struct):
-    """The traffic from the nodes of a robot to nodes of others, measured for some seconds."""
+    """The traffic from the nodes of a robot to nodes of other robots, measured for some seconds."""
 
     seconds: float = field("The time between the two readings.", 3.0)
     flows: typing.Tuple[SentTopic, ...] = field(
@@ -312,7 +312,7 @@ class CrossingParameter(Struct):
 
     name: str = field("The parameter.", "/robot_description", needed=True)
     digest: str = field(
-        "A SHA-256 of its value, the same on each robot with that value; empty where it is not set.",
+        "A SHA-256 of its value, the same on each robot with that value; empty if it is not set.",
         "5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9",
     )
 
@@ -348,10 +348,8 @@ class Talker(Struct):
 
 
 class Stream(Struct):
-    """The rate of a stream to another computer; None where it was not measured."""
+    """The rate of a stream to another computer; None if it was not measured."""
 
     computer: str = field("The computer.", "kobuki2computer", needed=True)
-    mbit_s: typing.Optional[float] = field(
-        "How many megabits came there in a second; null where that is not known.", 93.4
-    )
+    mbit_s: typing.Optional[float] = field("How many megabits came there in a second; null if that is not known.", 93.4)
     error: str = field("Why it is not known, or empty.", "")

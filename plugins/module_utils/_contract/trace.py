@@ -77,7 +77,7 @@ class Counter(Struct):
 class SentProbes(Struct, returned="when O(action=send)"):
     """The result of multimaster_packet_trace with `action: send`."""
 
-    sent: typing.Tuple[SentProbe, ...] = field("What became of each probe of this computer, as far as it knows itself.")
+    sent: typing.Tuple[SentProbe, ...] = field("The fate of each probe of this computer, as far as it knows itself.")
 
 
 class SeenPackets(Struct, returned="when O(action=collect)"):
@@ -99,10 +99,12 @@ class SeenPackets(Struct, returned="when O(action=collect)"):
         "C(/proc/net/netstat), C(/proc/net/dev) and conntrack, rules of nftables that drop or reject and count, and the reasons for "
         "which the kernel has dropped packets of IPv4 or ARP (C(skb:kfree_skb) in C(/sys/kernel/tracing), since Linux 5.17)."
     )
-    fixed: typing.Tuple[str, ...] = field("The hardware addresses of neighbours that somebody has set by hand.", [])
+    fixed: typing.Tuple[str, ...] = field(
+        "The hardware addresses of neighbours that a person or a program has set.", []
+    )
 
 
 class TraceAnswer(Struct):
     """The answer of each action of multimaster_packet_trace."""
 
-    msg: str = field("What was done, in a sentence.", "Saw 14 packets.")
+    msg: str = field("The result, in a sentence.", "Saw 14 packets.")

@@ -29,42 +29,46 @@ class Probe(Struct, returned="when O(action=collect)"):
     """The result of multimaster_verify with `action: collect`."""
 
     members: typing.Tuple[SeenMember, ...] = field(
-        "What this computer sees of every computer of the fleet; of itself only what its name means."
+        "The measurements from this computer to every computer of the fleet; of itself only the addresses of its name."
     )
     default_routes: typing.Tuple[DefaultRoute, ...] = field("The default routes of this computer.")
     claims: typing.Tuple[Claim, ...] = field(
-        "Who answers for an address on the networks of this computer, asked by ARP without an address of its own, so that it changes "
+        "The computers that answer for an address on the networks of this computer, asked by ARP without an address of its own, so that it changes "
         "nothing. The own addresses, for which no other computer is to answer, and those of O(members) and of gateways, for which one "
-        "computer is. Empty where the kernel does not allow it, and without an interface of Ethernet."
+        "computer is. Empty if the kernel does not allow it, and without an interface of Ethernet."
     )
-    policy: PolicyRouting = field("What decides beside the routes of the main table where packets go.")
+    policy: PolicyRouting = field(
+        "The rules and tables that decide about packets besides the routes of the main table."
+    )
     name_sources: typing.Tuple[str, ...] = field(
-        "Who is asked for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty where it "
+        "The sources for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf) says it. Empty if it "
         "says nothing.",
         ["files", "dns"],
         returned="when O(action=collect), but not for the router",
     )
     forwarding: ForwardingSettings = field(
-        "What decides whether packets pass from one network to another through this computer."
+        "The values that decide about packets from one network to another through this computer."
     )
     masters: typing.Tuple[SeenMaster, ...] = field("The discovery node of every master.")
     roscore: RoscoreAnswer = field("The roscore of this computer's robot.")
-    list_masters: MasterList = field("What C(rosservice call /master_discovery/list_masters) prints on this computer.")
-    topics: typing.Tuple[HeardTopic, ...] = field("What the talkers of the other computers say here.")
+    list_masters: MasterList = field(
+        "The answer of C(rosservice call /master_discovery/list_masters) on this computer."
+    )
+    topics: typing.Tuple[HeardTopic, ...] = field("The texts of the talkers of the other computers, as heard here.")
     outsiders: typing.Tuple[IgnoredSender, ...] = field(
-        "The senders of heartbeats that the discovery node of this computer ignores, since they do not belong to the fleet. Empty where"
+        "The senders of heartbeats that the discovery node of this computer ignores, since they do not belong to the fleet. Empty if"
         " the nodes are not the collection's own."
     )
     sources: typing.Tuple[GivenTopics, ...] = field(
-        "What discovery nodes have of topics. The own one is asked for all that the roscore has, another one for those of talkers that "
-        "are to be heard here and that the own roscore has not. Where O(is_master=false) it is empty."
+        "The topics in the states of discovery nodes. The own one is asked for all that the roscore has, another one for those of talkers that "
+        "are to be heard here and that the own roscore has not. If O(is_master=false), it is empty."
     )
     exchange: Exchange = field(
-        "What the roscore of this computer holds, by the robot that it is of, read at the end of the looking. Where O(is_master=false) "
+        "The contents of the roscore of this computer, by the robot that it is of, read at the end of the run. If O(is_master=false), "
         "it is empty, and RV(exchange.error) says so."
     )
     traffic: NodeTraffic = field(
-        "What the robot's nodes send to nodes of other robots, on the computer of a roscore. Their counters (C(getBusStats)) were read "
+        "The traffic of the robot's nodes to nodes of other robots, on the computer of a roscore. Their counters (C(getBusStats)) were read "
         "twice."
     )
     relays: typing.Tuple[SeenRelay, ...] = field(
@@ -75,11 +79,11 @@ class Probe(Struct, returned="when O(action=collect)"):
     parameters: NodeParameters = field("The parameters of the nodes on the roscore, compared with O(parameters).")
     clock: ClockState = field("The clock of this computer.")
     tunnel: SeenTunnel = field(
-        "The tunnel of the collection on this computer, as WireGuard tells it. No private key is asked for.",
+        "The tunnel of the collection on this computer, as WireGuard shows it. No private key is asked for.",
         added="1.1.0",
     )
     disks: typing.Tuple[Disk, ...] = field(
-        "The room that is left for others than root where services write, each file system once."
+        "The room that is left for others than root on the disks of services, each file system once."
     )
     file_limits: typing.Tuple[FileLimit, ...] = field(
         "Processes of ROS that may open more than 1048576 files, once for each unit, 20 at most."
@@ -97,7 +101,7 @@ class Probe(Struct, returned="when O(action=collect)"):
         added="1.1.0",
     )
     changes: typing.Tuple[RecentChange, ...] = field(
-        "When files were changed and services were started that may decide names and packet filters. What a kernel was told by hand has"
+        "When files were changed and services were started that may decide names and packet filters. A change of a kernel by hand has"
         " no time."
     )
     services: typing.Tuple[ServiceState, ...] = field(
@@ -125,7 +129,7 @@ class Probe(Struct, returned="when O(action=collect)"):
         ],
     )
     next_boot: typing.Tuple[BootDeviation, ...] = field(
-        "What works now, or not, and will not be as O(boot) and O(services) say after the next boot."
+        "Things that work now, or not, and will not be as O(boot) and O(services) say after the next boot."
     )
     pace: float = field(
         "How many times longer things take on this computer than on an idle one, 1 to 6; its limits of time were stretched by it.",
@@ -137,7 +141,7 @@ class Probe(Struct, returned="when O(action=collect)"):
         {"running": True, "error": ""},
         returned="unless O(action=stop) or O(is_router=true)",
     )
-    ros_missing: str = field("Why no node can run on this computer, or empty where ROS is set up.", "")
+    ros_missing: str = field("Why no node can run on this computer, or empty if ROS is set up.", "")
     problems: typing.Tuple[str, ...] = field(
         "One sentence for each part that could not be looked at; such a part has an empty value.", []
     )
@@ -153,7 +157,7 @@ class VerifyAnswer(Struct):
     """The further answers of each action of multimaster_verify."""
 
     multicast: typing.Dict[str, typing.Any] = field(
-        "What M(rosfleet.multimaster.multicast_verify) with the same action returns; where that fails, V(failed) and the sentence in "
+        "The result of M(rosfleet.multimaster.multicast_verify) with the same action; if that fails, V(failed) and the sentence in "
         "C(msg).",
         {
             "udp": [],
@@ -166,10 +170,10 @@ class VerifyAnswer(Struct):
         kept=False,
     )
     machine: typing.Dict[str, typing.Any] = field(
-        "What M(rosfleet.multimaster.multimaster_info) returns.",
+        "The result of M(rosfleet.multimaster.multimaster_info).",
         {"problems": [], "hostname": "kobuki1computer", "owned": ["routes", "sysctl"]},
         returned="when O(action=start) and O(look)",
         kept=False,
     )
     seconds: float = field("How long the looking took.", 2.3, returned="when O(action=collect)")
-    msg: str = field("What was done, in a sentence.", "Looked at 2 computers in 2.3 s.")
+    msg: str = field("The result, in a sentence.", "Looked at 2 computers in 2.3 s.")

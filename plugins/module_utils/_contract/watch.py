@@ -13,7 +13,7 @@ class WatchEvent(Struct):
 
     kind: str = field(
         "V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address), V(link), V(route), "
-        "V(setting), V(service), V(port), V(hosts) and V(clock). V(readings) for the looks at all of them but the heartbeats, where a "
+        "V(setting), V(service), V(port), V(hosts) and V(clock). V(readings) for the measurements of all of them but the heartbeats, if a "
         "look fails, or none has ended for 15 seconds.",
         "group",
     )
@@ -40,11 +40,9 @@ class WatchedEvents(Struct, returned="when O(action=collect)"):
 
     watched: int = field("How many values are watched.", 23)
     seconds: float = field("How long the watch has lasted, in seconds.", 312.4)
-    events: typing.Tuple[WatchEvent, ...] = field(
-        "What was lost and what has returned, in the order of time, 500 at most."
-    )
+    events: typing.Tuple[WatchEvent, ...] = field("The losses and returns, in the order of time, 500 at most.")
     dropped: int = field("How many events there were beyond those of RV(events).", 0)
-    lost: typing.Tuple[Lost, ...] = field("What is lost now.")
+    lost: typing.Tuple[Lost, ...] = field("The values that are lost now.")
     msg: str = field(
-        "What was found, in a sentence.", "23 values are watched since 312 s; 1 of them is lost.", returned="always"
+        "The result, in a sentence.", "23 values are watched since 312 s; 1 of them is lost.", returned="always"
     )

@@ -14,7 +14,7 @@ PROBES: typing.List[Part] = [
     CLOCK,
     TUNNEL,
 ]
-#: what is waited for before others measure through it
+#: the function that waits until others can measure through it
 SETTLINGS: typing.List[Settling] = [
     TUNNEL_SETTLING,
 ]

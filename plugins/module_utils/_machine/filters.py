@@ -3,8 +3,8 @@
 
 """The packet filter of this machine, as far as it can be read simply: rules of nftables, also those that iptables has made.
 
-What a rule says beyond protocol, port, addresses, interfaces, state and length is not understood. Such rules are counted, and left out.
-A rule as people know it is in nft's text alone: in JSON `-m conntrack --ctstate INVALID` is {"xt": ...}, and {"xt": null} with nft 0.9.8 of Debian 11.
+Rules with other words than protocol, port, addresses, interfaces, state and length are not understood. They are counted, and left out.
+A rule as people know it is only in nft's text: in JSON `-m conntrack --ctstate INVALID` is {"xt": ...}, and {"xt": null} with nft 0.9.8 of Debian 11.
 """
 
 import ipaddress
@@ -96,7 +96,7 @@ def _sort_entries(ruleset: Words) -> typing.Tuple[typing.List[Words], Rules]:
 
 
 def find_arp_filters(ruleset: Words) -> typing.List[str]:
-    """Find the tables that drop ARP, whoever asks or answers: a rule for some addresses alone may be meant so."""
+    """Find the tables that drop ARP, whoever asks or answers: a rule for only some addresses may be intended."""
     bases, rules = _sort_entries(ruleset)
     found = {
         f"arp {base['table']}"

@@ -113,7 +113,7 @@ def _node(
 def packages(wanted: typing.List[str], record: str = INSTALLED) -> typing.List[typing.Dict[str, typing.Any]]:
     """Look up the wanted Debian packages, and those that the collection installed: installed and available versions.
 
-    Raises OSError where the record cannot be read, and Problem where apt does not answer.
+    Raises OSError if the record cannot be read, and Problem if apt does not answer.
     """
     lines = [line.strip() for line in read_record(record).splitlines()]
     ours = [line for line in lines if line and not line.startswith("#")]

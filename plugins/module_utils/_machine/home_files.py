@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""A program that reads files of a home folder. A process of that person runs this source alone."""
+"""A program that reads files of a home folder. A process of that person runs only this source."""
 
 import glob
 import json

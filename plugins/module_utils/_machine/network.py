@@ -3,7 +3,7 @@
 
 """The network of this machine: its interfaces with their addresses, and the routes that the kernel takes.
 
-This file alone reads the output of `ip address`, `ip link`, `ip route get` and `ip route show default`.
+Only this file reads the output of `ip address`, `ip link`, `ip route get` and `ip route show default`.
 (`_apply/routes/kernel.py` reads whole routing tables, because it must be able to make each route again.)
 """
 
@@ -45,8 +45,8 @@ class NetworkInterface(typing.NamedTuple):
     mtu: int = 0  # bytes
     point_to_point: bool = False  # a link with two ends, such as a tunnel: no computer is asked for by ARP
     addresses: typing.Tuple[Address, ...] = ()
-    port_of: str = ""  # the bridge or bond above it, which has what comes in
-    macvlan_of: str = ""  # the interface below it, where it is a macvlan: both have a hardware address on one wire
+    port_of: str = ""  # the bridge or bond above it, which gets the packets
+    macvlan_of: str = ""  # the interface below it, if it is a macvlan: both have a hardware address on one wire
 
     @property
     def networks(self) -> typing.List[typing.Any]:
@@ -61,14 +61,14 @@ class NetworkInterface(typing.NamedTuple):
 
 
 class RouteTo(typing.NamedTuple):
-    """The route that the kernel takes to a destination. A field is None where `ip route` does not name it."""
+    """The route that the kernel takes to a destination. A field is None if `ip route` does not name it."""
 
     destination: str
     gateway: typing.Optional[str] = None
     device: typing.Optional[str] = None
     source: typing.Optional[str] = None  # the address with which this machine sends there
     metric: typing.Optional[str] = None
-    error: str = ""  # the kernel's words where there is no route
+    error: str = ""  # the kernel's words if there is no route
 
     def plain(self) -> typing.Dict[str, typing.Optional[str]]:
         """The route as multimaster_info returns it."""
@@ -81,7 +81,7 @@ class RouteTo(typing.NamedTuple):
 
 
 def interfaces() -> typing.List[NetworkInterface]:
-    """Read the network interfaces with their addresses. Raises OSError where `ip` fails."""
+    """Read the network interfaces with their addresses. Raises OSError if `ip` fails."""
     for words in ("-details",), ():  # old versions of ip write the details of some links as broken JSON
         answer = run(["ip", "-json", *words, "address"])
         with contextlib.suppress(ValueError):
@@ -134,7 +134,7 @@ class UpperInterface(typing.NamedTuple):
 
 
 def read_ports() -> typing.Dict[str, UpperInterface]:
-    """Read the interfaces that are ports of a bridge or a bond: by name; none where `ip` does not tell."""
+    """Read the interfaces that are ports of a bridge or a bond: by name; none if `ip` does not show them."""
     answer = run(["ip", "-json", "-details", "link"])
     try:
         return list_ports(answer.output.decode("utf-8") if answer.status == 0 else "")
@@ -184,7 +184,7 @@ def default_routes() -> typing.List[RouteTo]:
 
 
 def policy_rules() -> typing.List[str]:
-    """Read the rules of IPv4 beside the kernel's own three (ip-rule(8))."""
+    """Read the rules of IPv4 without the kernel's own three (ip-rule(8))."""
     output = run(["ip", "-4", "rule", "show"]).text
     lines = (" ".join(line.split()) for line in output.splitlines())
     return [line for line in lines if not re.fullmatch(r"\d+: from all lookup (local|main|default)", line)]

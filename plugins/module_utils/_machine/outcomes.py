@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The outcome of a probe: one fixed word. Programs decide by the word; a sentence is made where a result is returned."""
+"""The outcome of a probe: one fixed word. Programs decide by the word; a sentence is made when a result is returned."""
 
 import errno
 import socket
@@ -11,7 +11,7 @@ import typing
 from .._base.deadlines import stretch
 from .._contract.outcomes import Outcome
 
-# What each stands for where packets are sent; ip-route(8) has those of routes, nf_hook_slow of the kernel that of packet filters.
+# The meaning of each if packets are sent; ip-route(8) has those of routes, nf_hook_slow of the kernel that of packet filters.
 _OUTCOMES = {
     errno.ECONNREFUSED: Outcome.REFUSED,
     errno.ECONNRESET: Outcome.RESET,
@@ -31,7 +31,7 @@ _OUTCOMES = {
 
 
 def classify_error(problem: typing.Optional[BaseException]) -> typing.Tuple[Outcome, typing.Optional[int]]:
-    """Return the outcome that an exception stands for, and its errno where the kernel gave one."""
+    """Return the outcome that an exception means, and its errno if the kernel gave one."""
     if isinstance(problem, socket.timeout):
         return Outcome.NO_ANSWER, problem.errno
     if isinstance(problem, socket.gaierror):  # its number is none of the kernel's
@@ -46,11 +46,11 @@ class PortAnswer(typing.NamedTuple):
     outcome: Outcome
     errno: typing.Optional[int]
     milliseconds: typing.Optional[float]  # None unless it opened
-    error: str  # the kernel's words; empty where it opened, or where no answer came
+    error: str  # the kernel's words; empty if it opened, or if no answer came
 
     @property
     def words(self) -> str:
-        """Say in a few words what came of it."""
+        """Describe the outcome in a few words."""
         return "open" if self.outcome == Outcome.OPEN else self.error or "no answer"
 
 

@@ -3,7 +3,7 @@
 
 """The variables that the shells of persons really have: each shell is asked, and a parser only finds the file and the line.
 
-A file may source others, call a function or build a value of several variables, so only the shell knows what comes out.
+A file may source others, call a function or build a value of several variables, so only the shell knows the result.
 """
 
 import inspect
@@ -54,17 +54,17 @@ class Person(typing.NamedTuple):
 
 
 class Seen(typing.NamedTuple):
-    """The answer of a shell: the variables that it exports, and where each was set last, as far as it tells."""
+    """The answer of a shell: the variables that it exports, and the place where each was set last, as far as it shows that."""
 
     values: Values
-    places: typing.Dict[str, typing.Tuple[str, int, str]]  # file, line, what was run there
+    places: typing.Dict[str, typing.Tuple[str, int, str]]  # file, line, the command there
 
 
 Answers = typing.Dict[str, Seen]  # kind of a shell -> its answer
 
 
 def can_ask(person: Person) -> bool:
-    """Return True if the shell of a person may be asked: never root's, and as that person alone."""
+    """Return True if the shell of a person may be asked: never root's, and only as that person."""
     own = os.geteuid()
     return person.kind in FILES and person.uid != 0 and own in (0, person.uid)
 
@@ -76,8 +76,8 @@ def ask(person: Person, names: typing.Sequence[str]) -> Answers:
     program = ["/usr/bin/python3", "-I", "-c", inspect.getsource(shell_program)]
     answer = run(program, clean, _LIMIT, question, (person.uid, person.gid))
     try:  # the person could change the process, and its answer
-        told = last_line(answer.output)
-        return {kind: _read(told[kind], names) for kind in KINDS if told[kind] is not None}
+        kinds = last_line(answer.output)
+        return {kind: _read(kinds[kind], names) for kind in KINDS if kinds[kind] is not None}
     except (TypeError, ValueError, LookupError, AttributeError, RecursionError):
         return {}
 
@@ -86,9 +86,9 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _read(told: typing.Any, names: typing.Sequence[str]) -> Seen:
+def _read(answer: typing.Any, names: typing.Sequence[str]) -> Seen:
     """Read the answer of a shell. Raises TypeError, ValueError, LookupError or AttributeError for anything else."""
-    values, places = told
+    values, places = answer
     # An answer of this computer with another number of a line could be refused as a whole.
     if not all(_is_number(line) and 0 <= line < MOST_LINES for _file, line, _words in places.values()):
         raise ValueError("no number of a line")
@@ -101,9 +101,9 @@ def _read(told: typing.Any, names: typing.Sequence[str]) -> Seen:
 def list_rows(
     person: Person, answers: Answers, parsed: typing.Sequence[Row], planned: Values, ours: typing.Callable[[str], bool]
 ) -> typing.List[Row]:
-    """List what sets variables in the shells of a person: what they have said, and of other programs what was `parsed` in files.
+    """List the lines that set variables in the shells of a person: those in the answers of shells, and for other programs those `parsed` in files.
 
-    `planned`: what a shell has without files of a person. `ours`: tells a file of the collection.
+    `planned`: the values of a shell without files of a person. `ours`: returns True for a file of the collection.
     """
     if not answers:
         return list(parsed)
@@ -139,7 +139,7 @@ def show_statement(line: str, variable: str) -> str:
 
 
 def _spell(text: str) -> str:
-    """Spell a text for people. A carriage return at its end is what is wrong with a file of another system."""
+    """Spell a text for people. A carriage return at its end is the fault of a file of another system."""
     return plain(text.replace("\r", "\\r"))
 
 

@@ -66,9 +66,9 @@ def read_sockets(protocol: str, proc: str = "/proc") -> typing.List[Socket]:
 
 
 def count_waiting(port: int, proc: str = "/proc") -> typing.Optional[int]:
-    """Count the TCP connections to a port of this computer that its program has not taken yet; None where nothing listens.
+    """Count the TCP connections to a port of this computer that its program has not taken yet; None if nothing listens.
 
-    A program that hangs leaves them; what a packet filter drops never waits. Of a socket that listens, the kernel tells this as its
+    A program that hangs leaves them; a connection that a packet filter drops never waits. The kernel reports this of a socket that listens as its
     receive queue (net/ipv4/tcp_ipv4.c, get_tcp4_sock).
     """
     counts = []
@@ -109,7 +109,7 @@ def _owners(
 
 
 def list_inodes(pid: int, proc: str) -> typing.List[str]:
-    """The inodes of a process's open sockets. Raises OSError where it has ended, or may not be looked at."""
+    """The inodes of a process's open sockets. Raises OSError if it has ended, or may not be looked at."""
     folder = os.path.join(proc, str(pid), "fd")
     links = [_link(os.path.join(folder, descriptor)) for descriptor in os.listdir(folder)]
     return [link[len("socket:[") : -1] for link in links if link.startswith("socket:[")]

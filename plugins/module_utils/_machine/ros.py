@@ -21,13 +21,13 @@ from .._base.plain_text import is_plain, plain, quote
 from .._base.problem import Problem
 from . import fkie, set_up
 
-PYTHON = "/usr/bin/python3"  # what Debian's packages and most of ROS on Python 3 are built for
-PYTHON2 = "/usr/bin/python2.7"  # what the ROS distributions before Noetic are built for
+PYTHON = "/usr/bin/python3"  # the target of Debian's packages and of most ROS on Python 3
+PYTHON2 = "/usr/bin/python2.7"  # the target of the ROS distributions before Noetic
 MODULES = ("rospy", "genpy", "rosgraph", "std_msgs", "std_srvs")
 COMMANDS = ("roscore", "rostopic", "rosservice")
 CONDA = "CONDA_PREFIX"  # set by conda: the folder of an environment, which may have a ROS of RoboStack
-_OF_CONDA = "conda-meta"  # what conda keeps in each environment
-HOOKS = "etc/catkin/profile.d"  # in a prefix: what its set-up file sources at its end
+_OF_CONDA = "conda-meta"  # a folder of conda in each environment
+HOOKS = "etc/catkin/profile.d"  # in a prefix: the files that its set-up file sources at its end
 _DEBIAN = "/usr/lib/python3/dist-packages/rospy"
 _IN_A_FOLDER = ("setup.bash", "setup.sh", "devel/setup.bash", "install/setup.bash")
 _SHELLS = {".bash": "bash", ".sh": "sh", ".zsh": "zsh"}
@@ -74,7 +74,7 @@ def find(
     root: str = "/opt/ros",
     debian: str = _DEBIAN,
 ) -> Record:
-    """Return `found`, `chosen` and `problem`: the installations of ROS, the one to use, and a sentence where that fails.
+    """Return `found`, `chosen` and `problem`: the installations of ROS, the one to use, and a sentence if that fails.
 
     `choice` is "auto", "debian", or the path of a set-up file or of its folder; `nodes` are executables to find in the
     chosen installation.
@@ -90,7 +90,7 @@ def find(
 
 
 def candidates(choice: str, root: str = "/opt/ros", debian: str = _DEBIAN) -> typing.List[typing.Tuple[str, str]]:
-    """List (kind, set-up file) of what `choice` may mean, in the order of preference. Raises Problem."""
+    """List (kind, set-up file) of the meanings of `choice`, in the order of preference. Raises Problem."""
     if choice == "auto":
         prefixes = [("prefix", setup_file(os.path.dirname(path))) for path in sorted(glob.glob(root + "/*/setup.sh"))]
         return prefixes + ([("debian", "")] if os.path.isdir(debian) else [])
@@ -145,7 +145,7 @@ def examine(kind: str, setup: str, root: str = "/opt/ros") -> Record:
     if reach.refusal:
         problem = (
             f"The set-up file {quote(setup)} is no code for the services, since {reach.refusal}; expected files and folders that "
-            "one user alone can change: take the right to write away from others (chmod o-w)."
+            "only one user can change: take the right to write away from others (chmod o-w)."
         )
     below, for_root = ("", reach.for_root) if not reach.doubt else find_underlay(setup, environment, root)
     folder, closed_hooks = hooks(environment)
@@ -218,7 +218,7 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
 def activate(setup: str) -> typing.Dict[str, str]:
     """Return the variables that conda sets before it sources a set-up file in one of its environments; none elsewhere.
 
-    RoboStack's set-up file needs both: it asks the `python` of the environment, which looks where it is.
+    RoboStack's set-up file needs both: it asks the `python` of the environment, which looks at its own path.
     """
     folder = os.path.dirname(setup)
     if not os.path.isdir(os.path.join(folder, _OF_CONDA)):
@@ -286,7 +286,7 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
     if missing:
         folders = [item for item in environment.get("PYTHONPATH", "").split(":") if os.path.isabs(item)]
         packages = ", ".join("python3-" + name.replace("_", "-") for name in missing)
-        advice = "install what is missing" if setup else f"install {packages}"
+        advice = "install the missing packages" if setup else f"install {packages}"
         result["problem"] = (
             explain_closed(folders)
             or f"{quote(python)} cannot import {', '.join(map(quote, missing))} out of {where}; {advice}."
@@ -312,7 +312,7 @@ def try_import(
 ) -> typing.Tuple[str, typing.List[str], str]:
     """Let a user without rights import modules, as the services do; return the version of Python, the missing ones, and an error.
 
-    The version is empty where there is no answer.
+    The version is empty if there is no answer.
     """
     answer = foreign([python, "-c", _IMPORT, *modules], environment, _IMPORTING)
     result = last_line(answer.output)

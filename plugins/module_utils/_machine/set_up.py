@@ -63,7 +63,7 @@ _HOST = re.compile(r"\A[A-Za-z][A-Za-z0-9+.-]*://[^/:]+")
 
 
 def paths(variables: typing.Dict[str, str]) -> typing.List[str]:
-    """List the absolute paths in values, alone or in a list of folders: not the host of a URI, but `//home`."""
+    """List the absolute paths in values, single or in a list of folders: not the host of a URI, but `//home`."""
     entries = [entry for value in variables.values() for entry in _HOST.sub("", value).split(":")]
     return sorted({entry for entry in entries if entry.startswith("/")})
 
@@ -102,7 +102,7 @@ def _owner(doubts: typing.Iterable[Doubt]) -> str:
 
 
 def _is_certain(name: str, value: str, look: TrustCheck) -> bool:
-    """Return True if root alone can change all paths in a value, whatever the current folder is."""
+    """Return True if only root can change all paths in a value, whatever the current folder is."""
     if _QUOTING & set(value):
         return False
     is_path = "/" in value or name.endswith(("_FILE", "_DIR", "_HOME"))

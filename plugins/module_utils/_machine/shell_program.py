@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""A program that asks the shell of a person for variables. A process of that person runs this source alone.
+"""A program that asks the shell of a person for variables. A process of that person runs only this source.
 
-The shell has no terminal, no input, an output that nobody reads, and a few seconds. What its files start in the background ends with it.
+The shell has no terminal, no input, an output that nobody reads, and a few seconds. Background processes of its files end with it.
 """
 
 import ctypes
@@ -24,13 +24,13 @@ ASK = "exec /usr/bin/env -0 >&{0}"
 
 
 def ask(shell, options, home, names, seconds):
-    """Return (values, places): the variables that the shell exports, and (file, line, text) of what has set each last; None without an answer."""
-    (out, told), (trace, traced) = os.pipe(), os.pipe()
+    """Return (values, places): the variables that the shell exports, and (file, line, text) of the line that has set each last; None without an answer."""
+    (out, answer), (trace, traced) = os.pipe(), os.pipe()
     variables = dict(os.environ, HOME=home, SHELL=shell, TERM="dumb", HISTFILE="/dev/null")
     traces = os.path.basename(shell) == "bash"
-    if traces:  # bash tells of each command where it stands
+    if traces:  # bash reports the place of each command
         variables.update(PS4="+" + MARK + "${BASH_SOURCE[0]}" + MARK + "${LINENO}" + MARK, BASH_XTRACEFD=str(traced))
-    command = [shell] + (["-x"] if traces else []) + options + ["-c", ASK.format(told)]
+    command = [shell] + (["-x"] if traces else []) + options + ["-c", ASK.format(answer)]
     nothing = subprocess.DEVNULL
     try:
         process = subprocess.Popen(
@@ -40,13 +40,13 @@ def ask(shell, options, home, names, seconds):
             stdin=nothing,
             stdout=nothing,
             stderr=nothing,
-            pass_fds=(told, traced),
+            pass_fds=(answer, traced),
             start_new_session=True,
         )
     except (OSError, ValueError):
         return None
     finally:
-        os.close(told)
+        os.close(answer)
         os.close(traced)
     places = VariablePlaces(names, home)
     output = read_both(out, trace, places, time.monotonic() + seconds)
@@ -59,7 +59,7 @@ def ask(shell, options, home, names, seconds):
 
 
 def read_both(out, trace, places, deadline):
-    """Read the answer of a shell until it ends, or is too long, and its trace beside it, until the deadline."""
+    """Read the answer of a shell until it ends, or is too long, and its trace, until the deadline."""
     output, rest, waited = b"", b"", selectors.DefaultSelector()
     for pipe in (out, trace):
         waited.register(pipe, selectors.EVENT_READ)
@@ -84,7 +84,7 @@ def read_both(out, trace, places, deadline):
 
 
 class VariablePlaces:
-    """The places where variables were set last, as the trace of bash tells them."""
+    """The places where variables were set last, as the trace of bash shows them."""
 
     def __init__(self, names, home):
         self.last, self.home = {}, home

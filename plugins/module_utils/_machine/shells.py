@@ -62,7 +62,7 @@ _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 
 
 def exports(root: str = "/") -> Rows:
-    """Find older assignments of VARIABLES in the files that shells read, and ask the shells of persons what comes of them.
+    """Find older assignments of VARIABLES in the files that shells read, and ask the shells of persons for the results.
 
     A person's files are read as that person, with a limit of time: so a link to a file of root's gives nothing away. Many
     persons are read at once, and a home folder on a dead network disk costs the files of nobody else.
@@ -80,7 +80,7 @@ def _list_system(under: str) -> Rows:
 
 
 def _list_personal(under: str) -> Rows:
-    """List what sets variables in the files of persons, and in their shells, of which some are asked."""
+    """List the lines that set variables in the files of persons, and in their shells, of which some are asked."""
     persons = list_persons(text(under + "etc/passwd"))
     asked = [one for one in persons if under == "/" and person_shells.can_ask(one)][: person_shells.MOST_PERSONS]
     planned = (_login() or {}) if asked else {}
@@ -116,7 +116,7 @@ def list_persons(passwd: str) -> typing.List[Person]:
 
 
 def _read_as(user: typing.Tuple[int, int], home: str, under: str) -> typing.List[typing.Tuple[str, str]]:
-    """Read the files of a home folder as its person: (path, text), with the lines about VARIABLES alone."""
+    """Read the files of a home folder as its person: (path, text), with only the lines about VARIABLES."""
     patterns = [under + os.path.join(home, name)[1:] for name in _PERSONAL]
     question = json.dumps([patterns, VARIABLES]).encode()
     program = ["/usr/bin/python3", "-I", "-c", inspect.getsource(home_files)]
@@ -213,7 +213,7 @@ def _match_setenv() -> bool:
 
 
 def _ask_sshd(*options: str, given: bytes = b"") -> typing.Optional[Answer]:
-    """Let sshd tell its settings for the user nobody; None where it does not."""
+    """Let sshd print its settings for the user nobody; None if it does not."""
     daemon = shutil.which("sshd", path=BASE_PATH)
     command = [str(daemon), "-T", *options, "-C", "user=nobody,host=localhost,addr=127.0.0.1"]
     answer = run(command, given=given) if daemon else None
@@ -247,7 +247,7 @@ NOTHING_SEEN: typing.Dict[str, None] = {"login": None, "ssh": None, "desktop": N
 def probe() -> typing.Dict[str, typing.Optional[typing.Dict[str, str]]]:
     """Return the variables of a new login shell, a command by ssh and a terminal of a desktop.
 
-    The programs themselves read their files, as the user nobody, which has no home folder. None stands for a program that
+    The programs themselves read their files, as the user nobody, which has no home folder. None means a program that
     does not exist, or fails.
     """
     return {"login": _login(), "ssh": _ssh(), "desktop": _desktop()}

@@ -32,7 +32,7 @@ def show(units: typing.Sequence[str], properties: typing.Sequence[str], limit: f
 
 
 def states(units: typing.Sequence[str], properties: typing.Sequence[str]) -> typing.List[Properties]:
-    """Ask systemd for properties of units; empty ones where it does not answer."""
+    """Ask systemd for properties of units; empty ones if it does not answer."""
     found = show(units, properties).units if units else []
     return found if len(found) == len(units) else [{} for unit in units]
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""How services of the collection ended last, as systemd and multimaster-watchdog.service have told the journal."""
+"""How services of the collection ended last, as systemd and multimaster-watchdog.service have written to the journal."""
 
 import json
 import re
@@ -10,12 +10,12 @@ import typing
 from .._base import commands
 
 WATCHDOG = "multimaster-watchdog.service"
-# What systemd tells of a unit: its catalog of messages, /usr/lib/systemd/catalog.
+# The messages of systemd about a unit: its catalog of messages, /usr/lib/systemd/catalog.
 _FAILED, _SUCCEEDED = "d9b373ed55a64feb8242e02dbe79a49c", "7ad2d189f7e94e70a38c781354912448"
 _EXITED = "98e322203f7a4ed290d09fe03c09fe15"
 _LINES = 200  # of all services, the last ones
 _LIMIT = 20.0  # seconds: a journal of gigabytes on a slow card
-_SOON = 60e6  # microseconds in which a service ends that the watchdog has told to
+_SOON = 60e6  # microseconds in which a service ends that the watchdog has asked to
 _FIELDS = "MESSAGE,MESSAGE_ID,UNIT,UNIT_RESULT,EXIT_STATUS,_SYSTEMD_UNIT"
 
 
@@ -37,8 +37,8 @@ def list_words(units: typing.Sequence[str]) -> typing.List[str]:
     command = ["journalctl", "--boot", "--quiet", "--no-pager", "--reverse", "--output=json"]
     # A field that begins with an underscore is the kernel's word: anybody may write the others.
     kinds = ["MESSAGE_ID=" + kind for kind in (_FAILED, _SUCCEEDED, _EXITED)]
-    told = ["_PID=1"] + kinds + named + ["+", "_SYSTEMD_UNIT=" + WATCHDOG]
-    return command + ["--lines=%d" % _LINES, "--output-fields=" + _FIELDS] + told
+    wanted = ["_PID=1"] + kinds + named + ["+", "_SYSTEMD_UNIT=" + WATCHDOG]
+    return command + ["--lines=%d" % _LINES, "--output-fields=" + _FIELDS] + wanted
 
 
 def read_ends(lines: typing.Sequence[str], units: typing.Sequence[str]) -> typing.Dict[str, UnitEnd]:

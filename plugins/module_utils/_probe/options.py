@@ -13,7 +13,7 @@ Params = typing.Dict[str, typing.Any]
 
 
 def find_wrong_option(params: Params) -> typing.Optional[str]:
-    """Say in one sentence which option cannot be used; None where all can."""
+    """Name in one sentence the option that cannot be used; None if all can."""
     bounds = (("patience", 0, 600), ("lifetime", 10, 7200), ("seconds", 0.1, 2))
     wrong_value = find_wrong_value(params, bounds, " seconds")
     if wrong_value:

@@ -19,16 +19,16 @@ class Part(typing.NamedTuple):
     arguments: typing.Tuple[str, ...] = ()
     runs_commands: bool = False  # it runs commands of ROS or measures with others, so it is left out in check mode
     on_router: bool = False  # the router of the common network has it, too
-    # It is looked at when the other parts are through, and on the computer of a roscore only. By then what was waited for
+    # It is looked at when the other parts are through, and on the computer of a roscore only. By then all that was waited for
     # is there, and a robot's other computers would only ask the same roscore.
     final: bool = False
-    # It measures for some seconds, with the others of the fleet or alone, so all else goes on meanwhile.
+    # It measures for some seconds, with the others of the fleet or as the only one, so all else goes on meanwhile.
     shared: bool = False
-    unseen: typing.Any = None  # where it cannot look: a text, or the fields with another value than the empty one
+    unseen: typing.Any = None  # if it cannot look: a text, or the fields with another value than the empty one
 
     @property
     def default(self) -> typing.Any:
-        """The value where it cannot look: the empty one of the contract, or `unseen`."""
+        """The value if it cannot look: the empty one of the contract, or `unseen`."""
         empty: typing.Any = _EMPTY.get(self.name)
         if isinstance(self.unseen, dict):
             return dict(empty, **self.unseen)
@@ -39,4 +39,4 @@ class Settling(typing.NamedTuple):
     """Something that this run may have disturbed, and that is waited for: the state before it, and the wait."""
 
     note: typing.Callable[[], typing.Any]
-    wait: typing.Callable[[typing.Any], None]  # for what has settled since that state
+    wait: typing.Callable[[typing.Any], None]  # for the things that have settled since that state

@@ -106,7 +106,7 @@ def look_topics(params: Params, ros: Ros, deadline: float) -> typing.List[Result
     return topics.topics(ros, list_talkers(params), params["run"], params["name"], deadline)
 
 
-# Imports take most of a module's start. A part that few computers or actions need is imported where it is used.
+# Imports take most of a module's start. A part that few computers or actions need is imported in the function that uses it.
 
 
 def look_next_boot(services_here: typing.List[str], planned: typing.Optional[Params]) -> typing.List[Result]:
@@ -116,7 +116,7 @@ def look_next_boot(services_here: typing.List[str], planned: typing.Optional[Par
 
 
 def group(params: Params, action: str) -> typing.Optional[Result]:
-    """Return what multicast_verify returns for this action, also an obstacle; None where nothing is measured on the group."""
+    """Return the result of multicast_verify for this action, also an obstacle; None if nothing is measured on the group."""
     if params["multicast"] is None:
         return None
     from .multicast import multicast
@@ -130,12 +130,12 @@ def group(params: Params, action: str) -> typing.Optional[Result]:
 
 
 def look_traffic(params: Params, ros: Ros) -> Result:
-    """Measure what the robot sends to others, on the computer of its roscore alone."""
+    """Measure the traffic of the robot to others, only on the computer of its roscore."""
     return traffic.measure_traffic(ros, params["members"], params["name"]) if params["is_master"] else traffic.NOTHING
 
 
 def environment(params: Params, ros: Ros) -> typing.Dict[str, str]:
-    """The environment that services are to have: that of the file, and what the plan says in any case."""
+    """The environment that services are to have: that of the file, and the values that the plan sets in any case."""
     return {**ros.variables, **{name: str(value) for name, value in params["variables"].items()}}
 
 
@@ -144,7 +144,7 @@ def look_services(params: Params, ros: Ros) -> typing.List[Result]:
 
 
 def look_node_hosts(params: Params, ros: Ros) -> typing.List[Result]:
-    """Look at the processes of people's nodes, beside the roscore that they are to use."""
+    """Look at the processes of people's nodes, and at the roscore that they are to use."""
     master = environment(params, ros).get("ROS_MASTER_URI", "")
     return node_processes.node_hosts(params["members"], params["name"], master)
 
@@ -244,7 +244,7 @@ def look(params: Params, check_mode: bool) -> Result:
 def look_in_lanes(
     parts: typing.List[Part], attempt: typing.Callable[[Part], PartResult], late: typing.Callable[[Part], PartResult]
 ) -> typing.List[PartResult]:
-    """Look at parts at the same time: the final parts after the others, and the shared parts beside both."""
+    """Look at parts at the same time: the final parts after the others, and the shared parts during both."""
 
     def lane(members: typing.List[Part]) -> typing.List[PartResult]:
         stages = ([part for part in members if part.final == final] for final in (False, True))

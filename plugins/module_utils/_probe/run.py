@@ -16,20 +16,20 @@ from .ros_client.ros import Ros
 
 
 def start_verification(params: Params, check_mode: bool) -> Result:
-    """Look at the machine, start the listener, call the listeners of others, and start the talker. Raises Problem."""
+    """Look at the machine, start the listener, call the other listeners, and start the talker. Raises Problem."""
     noted = [settling.note() for settling in SETTLINGS]
     # First: the listeners that start below are no part of the machine.
     machine = look_at_machine(params)
     multicast = None if check_mode else group(params, "start")
     result = {"msg": "Check mode: no talker was started."} if check_mode else talk(params, machine)
     for settling, state in zip(SETTLINGS, noted):
-        settling.wait(state)  # what is measured then goes through it
+        settling.wait(state)  # later measurements go through it
     parts = {"multicast": multicast, "machine": machine}
     return dict(result, **{name: value for name, value in parts.items() if value is not None})
 
 
 def look_at_machine(params: Params) -> typing.Optional[Result]:
-    """Return what multimaster_info returns; None where it is not asked for. Raises Problem."""
+    """Return the result of multimaster_info; None if it is not asked for. Raises Problem."""
     if params["look"] is None:
         return None
     from .facts import machine
@@ -42,7 +42,7 @@ def look_at_machine(params: Params) -> typing.Optional[Result]:
 
 
 def talk(params: Params, machine: typing.Optional[Result]) -> Result:
-    """Call the listeners of others, and start the talker. A talker that does not start is a result too."""
+    """Call the other listeners, and start the talker. A talker that does not start is a result too."""
     call(params)
     if params["is_router"]:
         return {"msg": "The router of the common network has no talker."}
@@ -62,7 +62,7 @@ def talk(params: Params, machine: typing.Optional[Result]) -> Result:
 
 
 def choose_environment(params: Params, machine: typing.Optional[Result]) -> typing.Dict[str, str]:
-    """Return the variables of ROS where there is no file with them; none where the collection has set up the machine."""
+    """Return the variables of ROS if there is no file with them; none if the collection has set up the machine."""
     if machine is None:
         return dict(params["environment"])
     chosen = (machine.get("ros") or {}).get("chosen")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Machines that somebody set up by hand to an inventory for them."""
+"""From machines that people set up by hand to an inventory for them."""
 
 __all__ = (
     "facts",

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A machine as somebody has set it up by hand: the return of `multimaster_info` as types.
+"""A machine as people have set it up by hand: the return of `multimaster_info` as types.
 
-A machine may answer anything. What is no address, network or number is refused, texts are plain and short, lists bounded.
+A machine may answer anything. Values that are no address, network or number are refused, texts are plain and short, lists bounded.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Uri:
 
 @dataclass(frozen=True)
 class FoundDiscovery:
-    """A discovery node; the group and the ports are None or 0 where its parameters do not say them."""
+    """A discovery node; the group and the ports are None or 0 if its parameters do not set them."""
 
     uri: Uri | None
     group: IPv4Address | None
@@ -71,7 +71,7 @@ class FoundDiscovery:
 
 @dataclass(frozen=True)
 class FoundRoscore:
-    """A roscore, what has started it, and the nodes at it."""
+    """A roscore, its starter, and the nodes at it."""
 
     port: int
     uri: Uri | None
@@ -100,11 +100,11 @@ class FoundMachine:
     roscores: tuple[FoundRoscore, ...] = ()
     masters: tuple[Uri, ...] = ()  # the masters that its files and shells name, the ones that count most first
     ours: bool = False  # the collection runs services there
-    features: Mapping[str, Any] = field(default_factory=dict)  # what each optional feature has read
+    features: Mapping[str, Any] = field(default_factory=dict)  # the facts of each optional feature
 
 
 def read_machine(name: str, info: Info) -> FoundMachine:
-    """Return a machine by what was read on it. Raises StrangeMachine."""
+    """Return a machine with the values that were read on it. Raises StrangeMachine."""
     missing = [part for part in NEEDED if part not in info] if isinstance(info, Mapping) else ["everything"]
     if missing:
         raise StrangeMachine(f"{', '.join(missing)} could not be read")
@@ -126,7 +126,7 @@ def read_machine(name: str, info: Info) -> FoundMachine:
             ours=any(str(record).startswith("services-") for record in info.get("owned") or ()),
         )
     except (LookupError, TypeError, ValueError, AttributeError) as problem:
-        raise StrangeMachine(f"what it answered cannot be understood ({quote(problem)})") from None
+        raise StrangeMachine(f"its answer cannot be understood ({quote(problem)})") from None
 
 
 def _addresses(
@@ -223,7 +223,7 @@ def _port(number: Any) -> int:
 
 
 def _read_masters(info: Info) -> Iterable[Uri]:
-    """Find the values of ROS_MASTER_URI: what arrives in shells first, then what files say."""
+    """Find the values of ROS_MASTER_URI: the values in shells first, then those in files."""
     shells = sorted((info.get("environment") or {}).items(), key=lambda item: item[0] != "login")
     texts = [(variables or {}).get("ROS_MASTER_URI", "") for _kind, variables in shells]
     exports = (info.get("exports") or ())[:MOST]
@@ -232,7 +232,7 @@ def _read_masters(info: Info) -> Iterable[Uri]:
 
 
 def uri(text: Any) -> Uri | None:
-    """Return host and port of a URI such as http://tibi-nav:11311; None where it is none."""
+    """Return host and port of a URI such as http://tibi-nav:11311; None if it is none."""
     host, port = place_of(str(text))
     if not str(text).lower().startswith("http:") or not (is_host_name(host) or is_address(host)):
         return None

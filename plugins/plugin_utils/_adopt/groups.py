@@ -3,7 +3,7 @@
 
 """Machines to robots: the networks that connect them, the one that all robots share, and who belongs to which roscore.
 
-The common network is the one without which the machines with a roscore are connected least. What stays connected is a robot.
+The common network is the one without which the machines with a roscore are connected least. Machines that stay connected are a robot.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself
 
 @dataclass(frozen=True)
 class Machines:
-    """All machines that were read, by their names in the list, and what connects them."""
+    """All machines that were read, by their names in the list, and their connections."""
 
     by_name: Mapping[str, FoundMachine]
 
@@ -53,7 +53,7 @@ class Machines:
 
     @cached_property
     def networks(self) -> Mapping[IPv4Network, Mapping[str, IPv4Address]]:
-        """Network -> machine -> its address there. One that lies in a wider one is the wider one."""
+        """Network -> machine -> its address there. One that is in a wider one becomes the wider one."""
         seen = sorted([*self._seen, *self.made_networks])
         wide = [one for one in seen if not any(one != other and one.subnet_of(other) for other in seen)]
         found: dict[IPv4Network, dict[str, IPv4Address]] = {network: {} for network in wide}
@@ -101,7 +101,7 @@ class Machines:
 
     @cached_property
     def masters(self) -> frozenset[str]:
-        """The machines with a roscore, and those that a ROS_MASTER_URI means; `localhost` is only what ROS is delivered with."""
+        """The machines with a roscore, and those that a ROS_MASTER_URI means; `localhost` is only the default of ROS."""
         running = {name for name, machine in self.by_name.items() if machine.roscores}
         meant = {
             self.resolve(name, uri)
@@ -124,7 +124,7 @@ class Machines:
         return list(dict.fromkeys(frozenset(members) for members in group.values()))
 
     def count_robots(self, common: IPv4Network, without: Collection[IPv4Network]) -> int:
-        """Count what these networks keep apart and could be robots: sets with a roscore, and an address in the common network."""
+        """Count the sets that these networks separate and that could be robots: sets with a roscore, and an address in the common network."""
         reached = set(self.networks[common])
         return sum(1 for group in self.connect(without) if group & self.masters and group & reached)
 
@@ -143,7 +143,7 @@ class FleetGroups:
     """The parts that machines have in a fleet."""
 
     common: IPv4Network
-    why: str  # it is the common network, where that is a guess
+    why: str  # it is the common network, if that is a guess
     shared: frozenset[IPv4Network]  # networks that several robots have, the common one among them
     groups: tuple[Group, ...]
     rest: Mapping[str, str]  # machine of no robot -> why
@@ -172,7 +172,7 @@ def _find_smallest(addresses: Iterable[IPv4Address]) -> IPv4Network | None:
 
 
 def find_groups(machines: Machines) -> FleetGroups | None:
-    """Return the robots; None where no machine has a network."""
+    """Return the robots; None if no machine has a network."""
     ranked = sorted(machines.networks.keys() - machines.duplicate_networks, key=lambda one: _rank(machines, one))
     if not ranked:
         return None
@@ -221,7 +221,7 @@ def _rank(machines: Machines, network: IPv4Network) -> tuple[int, ...]:
 
 
 def _count_divided(machines: Machines, network: IPv4Network) -> int:
-    """Count the machines that are connected with the roscore that they name by this network alone."""
+    """Count the machines that are connected with the roscore that they name only by this network."""
     group = {name: members for members in machines.connect([network]) for name in members}
     return sum(1 for name, master in machines.master_of.items() if master not in group[name])
 
@@ -263,7 +263,7 @@ def _find_shared_networks(machines: Machines, common: IPv4Network) -> frozenset[
 
 
 def _notes(machines: Machines, members: frozenset[str], masters: Sequence[str]) -> list[str]:
-    """Return what speaks against these machines being one robot."""
+    """Return the reasons against these machines being one robot."""
     first, *others = masters
     several = [
         f"On {other} runs a roscore, too; expected one roscore for the computers of a network: that on {first} was taken, which most "

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The findings of an optional feature on machines that somebody set up by hand."""
+"""The findings of an optional feature on machines that people set up by hand."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AdoptHooks:
-    """The functions of a feature: what it reads of a machine, and the variables that it proposes for the fleet."""
+    """The functions of a feature: its facts of a machine, and the variables that it proposes for the fleet."""
 
     #: by the answer of multimaster_info, which may have any values; it raises LookupError, TypeError or ValueError
     read: Callable[[Mapping[str, Any]], Any]

@@ -18,9 +18,9 @@ from .hooks import AdoptHooks
 from .proposal import Choice, Choices, Proposal, ProposedComputer, ProposedRobot
 from .scene import AdoptionScene
 
-# Nodes that can be kept -> what people call them.
+# Nodes that can be kept -> their names for people.
 MAKERS = {"fkie_mas": "fkie_mas", "upstream": "multimaster_fkie"}
-# What discovery nodes use where no parameter says another thing.
+# The defaults of discovery nodes, if no parameter sets another value.
 GROUP, PORT, ROSCORE_PORT = "226.0.0.0", 11511, 11311
 
 
@@ -137,9 +137,9 @@ def _network_notes(scene: AdoptionScene, group: groups.Group, network: IPv4Netwo
 
 
 def _find_gaps(choices: Choices) -> list[str]:
-    """Return what site.yml will ask for."""
+    """Return the notes on values that site.yml will ask for."""
     wanted = {
-        "gateway": "what connects its network",
+        "gateway": "the computer that connects its network",
         "common_address": "the address of its gateway in the common network",
     }
     return [
@@ -209,7 +209,7 @@ def _gateway_doubt(scene: AdoptionScene, best: str, both: Sequence[str], at: str
 
 
 def _roscore(scene: AdoptionScene, group: groups.Group) -> tuple[facts.FoundRoscore, str]:
-    """Return the roscore of a robot, and why where its computer has several."""
+    """Return the roscore of a robot, and the reason if its computer has several."""
     roscores = scene.machine(group.master).roscores
     named = Counter(uri.port for name in group.members for uri in scene.machine(name).masters[:1])
     if not roscores:
@@ -224,7 +224,7 @@ def _roscore(scene: AdoptionScene, group: groups.Group) -> tuple[facts.FoundRosc
 def _ports(roscore: facts.FoundRoscore, doubt: str) -> dict[str, Choice]:
     choices = {}
     if roscore.contained:
-        choices["roscore"] = Choice("existing", "it runs in a container, where the collection starts nothing")
+        choices["roscore"] = Choice("existing", "it runs in a container, in which the collection starts nothing")
     if roscore.port != ROSCORE_PORT or doubt:
         choices["roscore_port"] = Choice(roscore.port, doubt)
     rpc = next((node.uri.port for node in roscore.discovery if node.uri), 0)
@@ -234,15 +234,15 @@ def _ports(roscore: facts.FoundRoscore, doubt: str) -> dict[str, Choice]:
 
 
 def _describe_services(scene: AdoptionScene, group: groups.Group, roscore: facts.FoundRoscore) -> list[str]:
-    """Return what runs there that site.yml would replace."""
+    """Return the notes on programs there that site.yml would replace."""
     machine = scene.machine(group.master)
     if machine.ours or not machine.roscores:
         return []
-    what = f"The roscore on {scene.name(group.master)} was started by {roscore.runs or 'somebody'}"
-    told = [
-        f"{what}: it stays, and the collection's nodes run beside its container, as docs/start/containers.md says"
+    what = f"The roscore on {scene.name(group.master)} was started by {roscore.runs or 'a person'}"
+    notes = [
+        f"{what}: it stays, and the collection's nodes run outside of its container, as docs/start/containers.md says"
         if roscore.contained
-        else f"{what}: end it and what starts it at boot before site.yml, which starts its own, or set multimaster_roscore: existing"
+        else f"{what}: end it and its start at boot before site.yml, which starts its own, or set multimaster_roscore: existing"
     ]
     if roscore.discovery or roscore.syncs:
         maker = next((name for make, name in MAKERS.items() if make in roscore.makes), "")
@@ -252,11 +252,11 @@ def _describe_services(scene: AdoptionScene, group: groups.Group, roscore: facts
             if maker
             else ""
         )
-        told.append(
-            f"{nodes} run there, which site.yml replaces: end them and what starts them at boot{kept}; filters of the sync node "
+        notes.append(
+            f"{nodes} run there, which site.yml replaces: end them and their start at boot{kept}; filters of the sync node "
             "are not read: write them as multimaster_filters"
         )
-    return told
+    return notes
 
 
 # The fleet
@@ -280,7 +280,7 @@ def _fleet(scene: AdoptionScene, router: Choice | None) -> Choices:
 
 
 def _transport(scene: AdoptionScene) -> Choices:
-    """Return unicast where the common network is a tunnel that somebody has made, such as WireGuard, Tailscale or OpenVPN."""
+    """Return unicast if the common network is a foreign tunnel, such as WireGuard, Tailscale or OpenVPN."""
     ends = {name: scene.machine(name).mute.get(address, "") for name, address in scene.common.items()}
     mute = [f"{device} of {scene.name(name)}" for name, device in sorted(ends.items()) if device]
     if not mute:
@@ -305,14 +305,14 @@ def _choose_majority(
     read: Callable[[facts.FoundDiscovery], str | int],
     default: str | int,
 ) -> Choice:
-    """Return what most nodes have. The reason names the others."""
+    """Return the value of most nodes. The reason names the others."""
     counted = Counter(read(node) for _name, node in nodes)
     if not counted:
         return Choice(default, "the default of the nodes, since no discovery node ran")
     best = max(counted, key=lambda value: (counted[value], str(value)))
     others = [f"{name} has {read(node)}" for name, node in nodes if read(node) != best]
     return Choice(
-        best, f"what {counted[best]} of {len(nodes)} discovery nodes have; {', '.join(others)}" if others else ""
+        best, f"the value of {counted[best]} of {len(nodes)} discovery nodes; {', '.join(others)}" if others else ""
     )
 
 
@@ -341,7 +341,7 @@ def _computer(scene: AdoptionScene, machine: str, network: IPv4Network) -> Propo
 
 
 def _is_alias(scene: AdoptionScene, hostname: str, name: str) -> bool:
-    """Return True if a host name is another name of one computer alone."""
+    """Return True if a host name is another name of only one computer."""
     known = [entry.lower() for entry, _why in scene.names.values()]
     hostnames = [machine.hostname.lower() for machine in scene.machines.by_name.values()]
     host = hostname.lower()

@@ -14,7 +14,7 @@ from .._base.plain_text import quote
 from .._inventory import kinds
 from .facts import FoundMachine
 
-# What people add to the name of a robot for the name of its computer.
+# Endings that people add to the name of a robot for the name of its computer.
 _ENDINGS = re.compile(r"(?<=[a-z0-9])[-_.]?(computer|laptop|notebook|desktop|nuc|pc)$", re.IGNORECASE)
 _LAST_PART = re.compile(r"(?<=.)[-_.]([^-_.]*)$")
 RESERVED = ("all", "ungrouped", "robots", "routers", "localhost")
@@ -23,7 +23,7 @@ RESERVED = ("all", "ungrouped", "robots", "routers", "localhost")
 def name_computers(machines: Mapping[str, FoundMachine]) -> dict[str, tuple[str, str]]:
     """Return machine -> (name in the inventory, why it was guessed).
 
-    The name in the list stays. Where it is an address, or no host name, the host name is taken, if no other machine has it.
+    The name in the list stays. If it is an address, or no host name, the host name is taken, if no other machine has it.
     Of a name with underscores, which programs read in different ways, hyphens are made.
     """
     taken = Counter(name.lower() for name in machines if _fits(name))
@@ -64,7 +64,7 @@ def _fits(name: str) -> bool:
 
 
 def name_robots(of: Sequence[Sequence[str]], hosts: Sequence[str]) -> list[str]:
-    """Return a name for each robot: what the names of its computers begin with. Groups and hosts need different names."""
+    """Return a name for each robot: the common beginning of its computers' names. Groups and hosts need different names."""
     names: list[str] = []
     taken = {host.lower() for host in hosts} | set(RESERVED)
     short = [_short(computers) for computers in of]

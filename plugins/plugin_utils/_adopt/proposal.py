@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""An inventory as it is proposed: values, and why each was taken where that had to be guessed."""
+"""An inventory as it is proposed: values, and the reason for each that had to be guessed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Value = str | int | list[str]
 
 @dataclass(frozen=True)
 class Choice:
-    """A value as Ansible reads it, and why it was taken; `why` is empty where the machines leave no doubt."""
+    """A value as Ansible reads it, and why it was taken; `why` is empty if the machines leave no doubt."""
 
     value: Value
     why: str = ""
@@ -47,7 +47,7 @@ class ProposedRobot:
 
 @dataclass(frozen=True)
 class Proposal:
-    """An inventory, and what is not in it."""
+    """An inventory, and the notes that are not in it."""
 
     choices: Choices = field(default_factory=dict)  # of the fleet
     robots: tuple[ProposedRobot, ...] = ()  # by name
@@ -67,15 +67,15 @@ class Proposal:
 
     def guesses(self) -> list[str]:
         """Return a sentence for each value that had to be guessed, and for each note."""
-        told = [*_guesses("group_vars/robots.yml", self.choices), *self.notes]
+        lines = [*_guesses("group_vars/robots.yml", self.choices), *self.notes]
         for robot in self.robots:
-            told += [*_guesses(f"group_vars/{robot.name}.yml", robot.choices), *robot.notes]
+            lines += [*_guesses(f"group_vars/{robot.name}.yml", robot.choices), *robot.notes]
         for computer in self.hosts:
-            told += [*_guesses(computer.name, computer.choices), *computer.notes]
-        return told
+            lines += [*_guesses(computer.name, computer.choices), *computer.notes]
+        return lines
 
     def inventory(self) -> Inventory:
-        """Return what Ansible would make of it."""
+        """Return the form that Ansible would make of it."""
         variables = {
             computer.name: _plain({**self.choices, **robot.choices, **computer.choices})
             for robot in self.robots

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A proposal as the files of an inventory, with a comment beside everything that was guessed.
+"""A proposal as the files of an inventory, with a comment at everything that was guessed.
 
-What machines told is in comments, on one line each, or was read as a name, an address or a number: nothing of it is a
+Texts of machines are in comments, on one line each, or was read as a name, an address or a number: nothing of it is a
 template for Ansible.
 """
 
@@ -51,10 +51,10 @@ def files(proposal: Proposal, connections: Connections) -> dict[str, str]:
     fleet = [*_variables(proposal.choices), *shared]
     written = {
         "hosts.yml": _hosts(proposal, own),
-        "group_vars/robots.yml": _group("What all robots share.", proposal.notes, fleet),
+        "group_vars/robots.yml": _group("The values that all robots share.", proposal.notes, fleet),
     }
     for robot in proposal.robots:
-        title = f"What only the robot {robot.name} has."
+        title = f"The values of the robot {robot.name}."
         written[f"group_vars/{robot.name}.yml"] = _group(title, robot.notes, _variables(robot.choices))
     if proposal.router and shared:
         written["group_vars/routers.yml"] = _group("The router of the common network.", (), shared)
@@ -68,7 +68,7 @@ def _group(title: str, notes: Iterable[str], lines: Iterable[str]) -> str:
 def _hosts(proposal: Proposal, ways: Ways) -> str:
     lines = _comment(
         [
-            "Written by rosfleet.multimaster.adopt, which looked at the machines. A comment says what was guessed: read it, and correct it.",
+            "Written by rosfleet.multimaster.adopt, which looked at the machines. A comment marks each guess: read it, and correct it.",
             'A group below "robots" is a robot; a host of that group is a computer of it.',
             *(f"Left out: {name}, since {why}." for name, why in sorted(proposal.left_out.items())),
         ]
@@ -79,7 +79,7 @@ def _hosts(proposal: Proposal, ways: Ways) -> str:
         for computer in robot.computers:
             lines += _indent(8, _host(computer, ways))
     if proposal.router:
-        lines += ["", "# The device that manages the common network, where it is a computer under Linux."]
+        lines += ["", "# The device that manages the common network, if it is a computer under Linux."]
         lines += ["routers:", "  hosts:", *_indent(4, _host(proposal.router, ways))]
     return "\n".join(lines) + "\n"
 
@@ -90,7 +90,7 @@ def _host(computer: ProposedComputer, ways: Ways) -> list[str]:
 
 
 def _connection(computer: ProposedComputer, given: Mapping[str, Any]) -> list[str]:
-    """Return how the machine is reached, as the list of machines says it; its address where the list has no other name."""
+    """Return how the machine is reached, as the list of machines says it; its address if the list has no other name."""
     lines = []
     if "ansible_host" not in given and computer.machine != computer.name:
         lines.append(f"ansible_host: {_scalar(computer.machine)}")

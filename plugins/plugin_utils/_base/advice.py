@@ -4,7 +4,7 @@
 """The only way to make a command of an advice: our words and values in, a command or nothing out.
 
 People paste it as root. So each value has the form that its place asks for, in ASCII. For a shell it is a single word,
-whatever stands around it. If one value has another form, there is no command.
+whatever is around it. If one value has another form, there is no command.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FORMS = {
     "setting": re.compile(r"[a-z0-9_]+(?:\.[A-Za-z0-9_-]+)+"),
     "file": re.compile(r"/etc/(?!.*\.\.)[A-Za-z0-9_./-]+"),
     "drop-in": re.compile(r"/(?:etc|run)/systemd/system/(?!.*\.\.)[A-Za-z0-9_./@-]+\.conf"),
-    # what is deleted, as policy.py has read it
+    # the rule that is deleted, as policy.py has read it
     "route": re.compile(r"(?:blackhole|unreachable|prohibit) (?:default|[0-9./]+)(?: table [A-Za-z0-9_.-]+)?"),
     "rule": re.compile(
         r"priority [0-9]+(?: from (?:all|[0-9./]+))?(?: to [0-9./]+)?(?: ipproto [a-z0-9]+)?(?: [sd]port [0-9-]+)*"

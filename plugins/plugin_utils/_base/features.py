@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
 """The optional features of a fleet, one row each. A feature is the folder `_features/<name>`, or a room of its own, and the core names it
-here alone.
+only here.
 
-A room of the core asks with `load_hooks` for what the features add to it. Each feature that has a file of that name gives the object
+A room of the core asks with `load_hooks` for the additions of the features. Each feature that has a file of that name gives the object
 HOOKS of it. Such a file imports the rooms that the table in plugin_utils/README.md allows it, so no import runs in a circle.
 """
 
@@ -26,7 +26,7 @@ class Feature:
 
     name: str  # of its folders and of its role
     hooks: tuple[str, ...]
-    # The rooms that are its own, below plugins, where it is large enough for one.
+    # The rooms that are its own, below plugins, if it is large enough for one.
     rooms: tuple[str, ...] = ()
     # The files of Ansible's plugins that are its own, below plugins.
     plugins: tuple[str, ...] = ()
@@ -82,7 +82,7 @@ class _Whole(Protocol):
 
     @property
     def features(self) -> Mapping[str, Any]:
-        """Name of a feature -> what it adds."""
+        """Name of a feature -> its addition."""
 
 
 class FeaturePart:
@@ -92,7 +92,7 @@ class FeaturePart:
 
     @classmethod
     def find(cls: type[P], whole: _Whole) -> P | None:
-        """Return the part of this feature; None where the whole has none."""
+        """Return the part of this feature; None if the whole has none."""
         found = whole.features.get(cls.feature)
         return found if isinstance(found, cls) else None
 
@@ -107,7 +107,7 @@ class FeaturePart:
 
 @functools.cache
 def load_hooks(file: str, kind: type[H]) -> Mapping[str, H]:
-    """Return what the features add in their files of this name, by the name of the feature, in the order of FEATURES.
+    """Return the additions of the features in their files of this name, by the name of the feature, in the order of FEATURES.
 
     Raises TypeError if the HOOKS of a file are of another kind.
     """

@@ -5,7 +5,7 @@
 
 The type of a field decides: a dataclass is a dictionary, a tuple is a list, an address or a network is its text, an enum is its
 value.
-Where a field may be None, plain data has an empty text or an empty dictionary. `notation` names the exceptions.
+If a field may be None, plain data has an empty text or an empty dictionary. `notation` names the exceptions.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _TEXTS: Mapping[Any, str] = {IPv4Address: "an IPv4 address", IPv4Network: "an IP
 
 
 class Mismatch(ValueError):
-    """Plain data does not fit its type; the text says where, what was found and what was expected."""
+    """Plain data does not fit its type; the text has the place, the found value and the expected one."""
 
 
 def notation(
@@ -43,9 +43,9 @@ def notation(
 ) -> dict[str, Any]:
     """Metadata for a field of a dataclass.
 
-    `key` is its key in plain data where that is no Python name, such as `from`. `words` are values with a text of their
+    `key` is its key in plain data if that is no Python name, such as `from`. `words` are values with a text of their
     own, such as (0.0.0.0/0, "default"). With `left_out` the key is missing while the field is None. A field that is a mapping
-    has its keys among those of the other fields with `among`, which says what keys it may have, and the type of each.
+    has its keys among those of the other fields with `among`, which lists its possible keys, and the type of each.
     """
     return {_NOTATION: (key, words, left_out, among)}
 

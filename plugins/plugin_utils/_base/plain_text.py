@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Text of others, made plain, by the file of the nodes: the controller has it on its disk, since it brings it to the robots."""
+"""Foreign text, made plain, by the file of the nodes: the controller has it on its disk, since it brings it to the robots."""
 
 from __future__ import annotations
 

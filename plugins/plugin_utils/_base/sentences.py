@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Messages made of sentences, and parts of sentences: what was expected, what was probably meant, lists."""
+"""Messages made of sentences, and parts of sentences: the expected value, the value that was probably meant, lists."""
 
 from __future__ import annotations
 

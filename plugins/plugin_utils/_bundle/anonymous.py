@@ -124,7 +124,7 @@ class Anonymous:
 
 
 def _stays(host: str) -> bool:
-    """Return True for the host of a URI that is no name of a computer of somebody."""
+    """Return True for the host of a URI that is no name of anyone's computer."""
     return host in _PUBLIC or bool(_IPV4.fullmatch(host)) or any(form.fullmatch(host) for form in _DECIDING)
 
 

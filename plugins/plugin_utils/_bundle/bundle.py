@@ -32,15 +32,15 @@ LOGS = 2_000_000  # letters of all logs
 ANSWERS = 4_000_000  # letters of different texts in the answers of all computers; secrets.ROOM of one
 LOG = 60_000  # of one computer
 README = """\
-This is what `verify` of the Ansible collection rosfleet.multimaster {collection} has seen of a fleet, {time}.
+This is a record of a fleet by `verify` of the Ansible collection rosfleet.multimaster {collection}, {time}.
 
-report.html         what is wrong, for people; report.json is the same as data
+report.html         the faults, for people; report.json is the same as data
 about.json          versions, of this computer and of each computer of the fleet
-plan.json           what the fleet is to be
-observations.json   what each computer has seen of the others
-logs/               the last lines of what the services of the collection said, for each computer
+plan.json           the planned fleet
+observations.json   the measurements of each computer
+logs/               the last lines of the services of the collection, for each computer
 
-Passwords, keys and tokens were taken out where they could be recognised: by their names, their form, or because a variable of the
+Passwords, keys and tokens were taken out if they could be recognised: by their names, their form, or because a variable of the
 inventory has them. {names}Topics and services of the robots are listed by name. Read it before you give it to others.
 
 The same findings, without a robot: ansible-playbook rosfleet.multimaster.report -e bundle=FILE
@@ -50,8 +50,8 @@ REPLACED = "Names of robots and computers, users and addresses were replaced by 
 
 
 def remove_secrets(run: Run, secrets: Secrets) -> Run:
-    """Return a run without secrets. What it costs is bounded, whatever computers answer: bounds come first."""
-    # Twice as much is looked at as is kept: a name may stand before its secret.
+    """Return a run without secrets. Its cost is bounded, whatever computers answer: bounds come first."""
+    # Twice as much is looked at as is kept: a name may precede its secret.
     logs = {name: secrets.text(text) for name, text in _cut_logs(run.logs, 2).items()}
     fleet = secrets.data(run.fleet)
     answers = {name: (seen, run.machines.get(name, {})) for name, seen in run.observations.items()}
@@ -154,7 +154,7 @@ def read_bundle(texts: Mapping[str, str]) -> Run:
 
 
 def quote_run(run: Run) -> Run:
-    """Return a run whose texts may stand in sentences, as `_verify/observe/task_results.py` makes them for robots."""
+    """Return a run whose texts may be in sentences, as `_verify/observe/task_results.py` makes them for robots."""
     names = list_plan_names(run.fleet)
     quoted = {name: quote_texts(to_plain(entry), names=names) for name, entry in run.observations.items()}
     return dataclasses.replace(

@@ -3,7 +3,7 @@
 
 """Secrets, taken out of the data of a bundle. Pure: data in, the same data without them out.
 
-A secret is known by the name beside it (`password: ...`), by its form (`AKIA...`, a private key, a random text), or by its value:
+A secret is known by the name next to it (`password: ...`), by its form (`AKIA...`, a private key, a random text), or by its value:
 that of any variable of the inventory that is not the collection's own. Rather one text too many is taken out than one too few.
 
 `tests/unit/plugins/plugin_utils/_bundle` has lines with secrets as people write them, and lines that stay as they are.
@@ -48,7 +48,7 @@ _QUOTED = (
     r"|\\{1,3}\"[^\n]{0,4000}?\\{1,3}\"|\\{1,3}'[^\n]{0,4000}?\\{1,3}'|\"(?:[^\"\\\n]|\\[^\n])*\"|'(?:[^'\\\n]|\\[^\n])*'))"
 )
 _VALUE = rf"(?:{_QUOTED}|[\"'][^\n]+|[^\s,;&'\")\]}}]+)"
-# Variables of an environment that a bundle has: those of ROS, and lists of folders. Of others it has the names alone.
+# Variables of an environment that a bundle has: those of ROS, and lists of folders. Of other variables it has only the names.
 _LISTED = re.compile(r"ROS\w*|CATKIN_\w+|(?:\w+_)?PATH|PYTHON\w*|LANG|LC_\w+")
 # Ansible's own names, and values that many variables have.
 _ANSIBLE = re.compile(
@@ -84,7 +84,7 @@ _ABOUT = (
     r"|removed|line|lines|enabled|disabled|off|allowed|available|shown|stored|visible)\b"
 )
 
-# Each form of a secret, and its pattern. What stands in group 1 is the name beside the secret, and stays.
+# Each form of a secret, and its pattern. Group 1 is the name next to the secret, and stays.
 # No pattern looks at a text more than a few hundred times: logs may be hostile.
 FORMS = {
     "a private key": rf"(?s)-----BEGIN {_PEM}.*?(?:-----END {_PEM}|\Z)",
@@ -157,24 +157,24 @@ FORMS = {
     ),
     "the key of a line of .netrc": r"(\bmachine\s+\S+\s+login\s+\S+\s+password\s+)\S+",
     "an element": rf"(?i)(<(?:\w{{1,20}}:)?[\w./-]{{0,30}}?{_WORDS}\w{{0,10}}(?:\s[^<>]{{0,200}})?>)[^<]+",
-    "an attribute beside a name": (
+    "an attribute next to a name": (
         rf"(?i)((?:\\{{0,3}}[\"'])?(?:name|key|id)(?:\\{{0,3}}[\"'])?\s*[=:]\s*\\{{0,3}}[\"'][\w./-]{{0,40}}?"
         rf"{_WORDS}\\{{0,3}}[\"']\s*[,; ]\s*(?:\\{{0,3}}[\"'])?(?:value|val|content|default)(?:\\{{0,3}}[\"'])?\s*[=:]\s*){_VALUE}"
     ),
     "a block of YAML": (
         rf"(?i)({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}:[ \t]*[|>][-+\d]{{0,2}}[ \t]*)(?:{_LINE}{_PREFIX}[ \t]{{1,}}[^\n]+)+"
     ),
-    "a list beside its name": (
+    "a list after its name": (
         rf"(?i)({_WORDS}\\{{0,3}}[\"']?\s{{0,4}}[:=]\s{{0,4}})[\[({{](?:{_LINE}{_PREFIX}|[^\])}}]){{0,2000}}[\])}}]?"
     ),
     "a header of its own name": (
         r"(?i)((?:x-[\w-]{0,30}(?:auth|key|token|secret)[\w-]{0,20})\\?[\"']?\s*[:=,]\s*)"
         r"(?![|>][-+\d]{0,2}(?:\s|\\))[^\n]+"
     ),
-    "a value in quotes beside its name": rf"(?i)({_WORDS}{_IS}(?:{_NEXT})?){_QUOTED}",
+    "a value in quotes after its name": rf"(?i)({_WORDS}{_IS}(?:{_NEXT})?){_QUOTED}",
     "a value on the next line": rf"(?i)({_WORDS}{_IS}\\?{_NEXT})(?=\S)[^\n]+",
-    "a phrase beside its name": rf"(?im)({_PHRASES}{_MORE}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. ))[^\s][^\n]*",
-    "a value beside its name": rf"(?im)({_WORDS}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. )){_VALUE}",
+    "a phrase after its name": rf"(?im)({_PHRASES}{_MORE}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. ))[^\s][^\n]*",
+    "a value after its name": rf"(?im)({_WORDS}{_IS})(?!\(removed\)|{_ABOUT}(?:[ ,;]|\.?$|\. )){_VALUE}",
     "a value behind its option": rf"(?i)((?<![\w-])--?[\w-]{{0,40}}?{_WORDS}\s+){_VALUE}",
     "a value behind its name": (
         rf"(?i)((?:{_BEGIN}(?:password|passphrase|passwd|passwort|kennwort|psk|pwd|pin code)|(?<![fn])pw)(?:\s+--\w+)?"
@@ -184,7 +184,7 @@ FORMS = {
         rf"(?i)((?:password|passphrase|passwd|passwort|secret word)\s(?:[^\n:=]{{0,40}}?\s)?(?:is|was|will be)\s+)"
         rf"(?!{_ABOUT}){_VALUE}"
     ),
-    "a value for somebody": rf"(?i)({_PHRASES}\s(?:for|of|at|on|to)\s[^\s:=]{{1,60}}\s?[:=]\s?)(?!{_ABOUT})[^\s][^\n]*",
+    "a value for a user": rf"(?i)({_PHRASES}\s(?:for|of|at|on|to)\s[^\s:=]{{1,60}}\s?[:=]\s?)(?!{_ABOUT})[^\s][^\n]*",
     "a user and a password": (
         r"(?i)(\b(?:login|user|as|failed for|credentials?)\s+[\w.-]{1,40}[:/])(?!\d+\b)(?=[^\s]{0,40}\d)[^\s:/]+"
     ),
@@ -197,7 +197,7 @@ FORMS = {
         rf"(?i)({_BEGIN}(?:(?:{_KEYS} )?key|token|secret|code|pass)\s+)(?!\(removed\))(?=[^\s,;]{{0,99}}\d)"
         rf"(?=[^\s,;]{{0,99}}[A-Za-z])[^\s,;]{{6,}}"
     ),
-    "a random value beside `key`": (
+    "a random value after `key`": (
         r"(?i)(\bkey\\?[\"']?\s*[=:]\s*[\"']?(?:s:)?)(?=[^\s,;&'\"]{0,99}\d)"
         r"(?=[^\s,;&'\"]{0,99}[A-Za-z])[^\s,;&'\"]{8,}"
     ),
@@ -220,7 +220,7 @@ _CHANGE = re.compile(r"(?<=[a-z])[A-Z0-9]|(?<=[A-Z])[a-z0-9]|(?<=[0-9])[A-Za-z]"
 
 
 def is_secret(name: str) -> bool:
-    """Tell if the name of a variable, parameter or key is that of a secret."""
+    """Return True if the name of a variable, parameter or key is that of a secret."""
     return bool(_NAME.search(name)) and not _NO_NAME.search(name)
 
 
@@ -251,7 +251,7 @@ def collect_foreign(variables: Mapping[str, Any], own: Iterable[str]) -> set[str
 
 
 def _ordinary(text: str) -> bool:
-    """Tell if a value means nothing on its own: a word of configuration, a small number, an address."""
+    """Return True if a value means nothing on its own: a word of configuration, a small number, an address."""
     if text.lower() in _CONFIGURATION or "{{" in text or (text.isdigit() and len(text) < 5):
         return True
     try:
@@ -285,7 +285,7 @@ class Secrets:
         self._known = _compile_values(known, names)
         self._foreign = _compile_values(foreign, names)
         self._digests: dict[str, str] = {}
-        self.room = ROOM  # letters that are still looked at in data; what is beyond is taken out unread
+        self.room = ROOM  # letters that are still looked at in data; text beyond it is taken out unread
         self._seen: dict[str, str] = {}  # most texts of data are there many times
 
     def text(self, text: str) -> str:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Faults of a computer: power, limits, settings, what the next boot makes of it. Ids RF-1xx."""
+"""Faults of a computer: power, limits, settings, the state after the next boot. Ids RF-1xx."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ COMPUTER: Mapping[Key, Fault] = {
     ("computer", "sealed"): Fault(
         "RF-103",
         "{place} is sealed: nobody logs in there, so its settings, clock, routes back, packet filter and own view were not looked at",
-        do=(hand("nothing, if its nodes are well; ask the maker of {place} for what only a login shows"),),
-        look=(hand("docs/operate/sealed.md says what the others see of it"),),
+        do=(hand("nothing, if its nodes are well; ask the maker of {place} for the values that only a login shows"),),
+        look=(hand("docs/operate/sealed.md describes how the others see it"),),
         read=ALWAYS,
         why="the plan says so",
     ),
@@ -101,7 +101,7 @@ COMPUTER: Mapping[Key, Fault] = {
         "RF-108",
         "{place} has no room on {what}",
         do=(
-            on("journalctl --vacuum-size=100M", "makes room where the journal is large"),
+            on("journalctl --vacuum-size=100M", "makes room if the journal is large"),
             hand("delete files that nobody needs"),
         ),
         look=(on("df -h; df -i; du -xh / 2>/dev/null | sort -rh | head -20"),),
@@ -167,7 +167,7 @@ COMPUTER: Mapping[Key, Fault] = {
     ("set_up", "by_hand"): Fault(
         "RF-114",
         "{place} was set up by hand, or by something else",
-        do=(site("takes it over; do nothing if it is meant, since the other checks say if the fleet talks"),),
+        do=(site("takes it over; do nothing if it is intended, since the other checks say if the fleet talks"),),
         look=(on("rosnode list; ls /var/lib/rosfleet-multimaster"),),
         why="nodes run that no unit of ours has started",
     ),
@@ -181,7 +181,7 @@ COMPUTER: Mapping[Key, Fault] = {
     ("set_up", "refused"): Fault(
         "RF-116",
         "site.yml would refuse {place}, before it changes anything",
-        do=(hand("do what the sentences of the result say"),),
+        do=(hand("follow the sentences of the result"),),
         look=(controller("ansible-playbook -i {inventory} rosfleet.multimaster.site --check{limit}"),),
         why="preflight says so",
     ),

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The form of a row in the table of faults, of an advice, and what an optional feature adds to that table. Pure."""
+"""The form of a row in the table of faults, of an advice, and the additions of an optional feature to that table. Pure."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 from .._base import advice
 from .._base.plain_text import quote
 
-READ, ALWAYS = "where it was looked at", "always"
-CONTROLLER, INVENTORY = "the controller", "the inventory"  # places of an advice beside computers
+READ, ALWAYS = "if it was looked at", "always"
+CONTROLLER, INVENTORY = "the controller", "the inventory"  # places of an advice that is no computer
 HANDS = ""  # no command does it
-UNKNOWN_INVENTORY = "INVENTORY"  # in a command where the run does not know it
+UNKNOWN_INVENTORY = "INVENTORY"  # in a command if the run does not know it
 PAGES = "https://github.com/rosfleet/multimaster/blob/main/docs/findings"
 
 
@@ -27,10 +27,10 @@ class Advice(NamedTuple):
 
     where: str  # a computer, CONTROLLER, INVENTORY or HANDS
     text: str
-    effect: str = ""  # what it does; it is no part of the command
+    effect: str = ""  # the effect; it is no part of the command
 
     def fill(self, what: str, **words: str) -> Advice:
-        """Fill in names; words instead of a command where `what` may be anything."""
+        """Fill in names; words instead of a command if `what` may be anything."""
         is_command = self.where not in (HANDS, INVENTORY)
         if what and is_command and "{what}" in self.text and not advice.format_value("what", what):
             place = words.get("place", "")
@@ -68,7 +68,7 @@ def change(text: str, effect: str = "") -> Advice:
 
 
 def hand(text: str) -> Advice:
-    """Advise what no command does."""
+    """Advise an action that no command does."""
     return Advice(HANDS, text)
 
 
@@ -84,11 +84,11 @@ def site_of_all(effect: str = "") -> Advice:
 
 
 class Fault(NamedTuple):
-    """How a part of a kind may be broken: its id, a sentence, what to do, and what to look at if that does not help.
+    """A way in which a component of a kind may be broken: its id, a sentence, the remedy, and the commands to look with if that does not help.
 
-    `do` is for a fault that was seen. An inferred one has `look` alone, so nothing in `look` changes anything.
-    `cost` says how rare it is, and `why` says why: of two parts that explain the same, the cheaper one is named.
-    A `hard` fault lets nothing pass, so a success that needs the part clears it. Of other faults a success says little.
+    `do` is for a fault that was seen. An inferred one has only `look`, so nothing in `look` changes anything.
+    `cost` says how rare it is, and `why` says why: of two components that explain the same, the cheaper one is named.
+    A `hard` fault lets nothing pass, so a success that needs the component clears it. Of other faults a success says little.
     A fault that is `read` is not concluded, since a value on the machine shows it: READ is for places with an observation.
     """
 
@@ -100,7 +100,7 @@ class Fault(NamedTuple):
     why: str = ""
     hard: bool = True
     read: str = ""
-    what: str = ""  # stands for a part's `what` where it has none
+    what: str = ""  # a default for a component that has none
 
     @property
     def example(self) -> str:
@@ -113,7 +113,7 @@ class Fault(NamedTuple):
         return f"{PAGES}/{self.id[3]}xx.md#{self.id.lower()}"
 
     def fill(self, advices: Advices, places: tuple[str, ...], what: str, inventory: str = "") -> Advices:
-        """Fill the names of a part into an advice. A network is no host, so nothing is limited to it."""
+        """Fill the names of a component into an advice. A network is no host, so nothing is limited to it."""
         limit = "" if any(" " in place for place in places) else f" --limit {','.join(places)}"
         words = {"place": " and ".join(places), "inventory": inventory or UNKNOWN_INVENTORY, "limit": limit}
         return tuple(
@@ -147,5 +147,5 @@ class ComponentHooks:
     faults: Mapping[Key, Fault]
     #: fault, also one of the core -> faults of the feature that it may follow from
     causes: Mapping[Key, tuple[Key, ...]] = field(default_factory=dict)
-    #: kind -> what it means for a fleet that a part of it is broken
+    #: kind -> the meaning for a fleet if such a component of it is broken
     kinds: Mapping[str, str] = field(default_factory=dict)

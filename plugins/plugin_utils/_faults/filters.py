@@ -22,7 +22,7 @@ class Dropped(NamedTuple):
     match: str  # as nft has it; empty for all packets
     option: str  # the same, as iptables has it
     what: str = ""
-    more: float = 0.0  # what it costs more than the others
+    more: float = 0.0  # its extra cost, compared with the others
 
 
 #: mode -> its packets. {what} is a port.
@@ -39,13 +39,13 @@ DROPPED: Mapping[str, Dropped] = {
     "nodes": Dropped(36, "connections to the TCP ports of nodes", "tcp dport 1024-65535", "-p tcp --dport 1024:65535"),
     "all": Dropped(37, "packets that no rule of it lets pass", "", "", more=0.3),
 }
-#: direction in the mode -> the last digit of the id, the word in a sentence, what it costs more
+#: direction in the mode -> the last digit of the id, the word in a sentence, the extra cost
 DIRECTIONS: Mapping[str, tuple[int, str, float]] = {
     "in": (1, "incoming", 0.2),
     "out": (2, "outgoing", 0.8),
     "": (3, "incoming and outgoing", 0.4),
 }
-#: what is accepted, for a person
+#: the traffic that is accepted, for a person
 ACCEPTED: Mapping[str, str] = {
     "icmp": "ICMP",
     "udp": "UDP port {what}",
@@ -77,12 +77,12 @@ GATEWAYS: Mapping[Key, Fault] = {
         "a packet filter on {place} drops {what} meant for another network, as Docker sets it up",
         do=(
             hand(
-                f"accept what is forwarded between the robots' networks on {{place}}, {MAKERS} (with Docker in the chain DOCKER-USER)"
+                f"accept packets that are forwarded between the robots' networks on {{place}}, {MAKERS} (with Docker in the chain DOCKER-USER)"
             ),
         ),
         look=(FORWARDED,),
         cost=2.5,
-        why="Docker and ufw drop what is forwarded",
+        why="Docker and ufw drop packets that they forward",
         what="what is",
     ),
     ("filter", "changed"): Fault(
@@ -104,5 +104,5 @@ GATEWAYS: Mapping[Key, Fault] = {
     ),
 }
 
-#: The packet filters that a rule shows, where rules can be read.
+#: The packet filters that a rule shows, if rules can be read.
 RULED = frozenset({*FILTERS, ("filter", "forward")})

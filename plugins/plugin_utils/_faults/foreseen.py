@@ -11,7 +11,7 @@ from .fault import Advice, Fault, Key, change, controller, hand, on, site_of_all
 
 PREDICTED, WATCHED = "predicted", "watched"
 _PLAN = "the plan was followed, hop by hop"
-_FILTER = hand("accept what passes between the robots' networks on {place}, in the program that makes its rules")
+_FILTER = hand("accept packets between the robots' networks on {place}, in the program that makes its rules")
 
 
 def _predict(number: int, sentence: str, *do: Advice, look: str = "ip rule; ip route") -> Fault:
@@ -41,7 +41,7 @@ PREDICTIONS: Mapping[Key, Fault] = {
     ),
     (PREDICTED, "nobody"): _predict(
         4,
-        "{place} sends what is for {what} to {hop}, where nobody answers",
+        "{place} sends packets for {what} to {hop}, where nobody answers",
         change("set multimaster_gateway or multimaster_address to the address of the machine that is to answer"),
         site_of_all(),
         look="ip route; ip neighbour",
@@ -84,15 +84,15 @@ PREDICTIONS: Mapping[Key, Fault] = {
         look="ip -br link",
     ),
     (PREDICTED, "circle"): _predict(
-        14, "{place} sends what is for {what} back to where it came from", hand("correct the routes of {place}")
+        14, "{place} sends packets for {what} back to where it came from", hand("correct the routes of {place}")
     ),
     (PREDICTED, "elsewhere"): _predict(
         15, "two machines have an address of {what}", hand("give one of them another address"), look="ip neighbour"
     ),
     (PREDICTED, "translated"): _predict(
         16,
-        "{place} translates addresses (masquerading) of what leaves it for {what}",
-        hand("delete the rule on {place} that masquerades what goes to the robots' networks"),
+        "{place} translates addresses (masquerading) of packets that leave it for {what}",
+        hand("delete the rule on {place} that masquerades packets to the robots' networks"),
         look="nft -a list ruleset; iptables -t nat -S",
     ),
 }
@@ -100,18 +100,18 @@ PREDICTIONS: Mapping[Key, Fault] = {
 
 def _watch(number: int, sentence: str, look: str, *do: Advice) -> Fault:
     """Make a row of watch: {what} is the value, {found} and {expected} are what it is and was."""
-    again = controller("ansible-playbook -i {inventory} rosfleet.multimaster.verify", "says what is wrong now")
+    again = controller("ansible-playbook -i {inventory} rosfleet.multimaster.verify", "names the faults of now")
     return Fault(
         f"RF-8{number:02}", sentence, do=do or (again,), look=(on(look),), why="a value was read before and after"
     )
 
 
-#: The kinds that are nearest to the reason stand first.
+#: The kinds that are nearest to the reason come first.
 LOSSES: Mapping[Key, Fault] = {
     (WATCHED, "computer"): _watch(
         1, "{place} does not answer: {found}", "journalctl -b -1 -n 50", hand("switch {place} on")
     ),
-    (WATCHED, "readings"): _watch(2, "{place} cannot look at its own parts: {found}", "df -h; free -m"),
+    (WATCHED, "readings"): _watch(2, "{place} cannot look at its own values: {found}", "df -h; free -m"),
     (WATCHED, "link"): _watch(
         3,
         "the link {what} of {place} is {found}, and was {expected}",

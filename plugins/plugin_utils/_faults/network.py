@@ -38,7 +38,7 @@ NAMES: Mapping[Key, Fault] = {
     ("names", "old"): _name(
         4,
         "on {place} {what} means another address: an older line of /etc/hosts, or a name server",
-        site("writes its line, and names the line that stands against it"),
+        site("writes its line, and names the line that conflicts with it"),
         more=(on("grep ^hosts /etc/nsswitch.conf"),),
     ),
     ("names", "several"): _name(
@@ -49,7 +49,7 @@ NAMES: Mapping[Key, Fault] = {
     ),
     ("names", "rights"): Fault(
         "RF-206",
-        "on {place} root alone can look up {what}: the rights of /etc/hosts or /etc/nsswitch.conf",
+        "on {place} only root can look up {what}: the rights of /etc/hosts or /etc/nsswitch.conf",
         do=(on("chmod 644 /etc/hosts /etc/nsswitch.conf"),),
         look=(on("ls -l /etc/hosts /etc/nsswitch.conf; runuser -u nobody -- getent ahostsv4 $(hostname)"),),
         what="names",
@@ -62,7 +62,7 @@ NAMES: Mapping[Key, Fault] = {
         do=(
             on(
                 r"sed -i -E -e '/^hosts:/s/[[:space:]]+files\b//' -e 's/^hosts:/hosts: files/' /etc/nsswitch.conf",
-                "files stands first, so that /etc/hosts counts",
+                "files comes first, so that /etc/hosts counts",
             ),
         ),
         look=(on("grep ^hosts /etc/nsswitch.conf"),),
@@ -179,7 +179,7 @@ INTERFACES: Mapping[Key, Fault] = {
     ),
     ("neighbour", "fixed"): Fault(
         "RF-223",
-        "on {place} somebody has set the hardware address of {what} by hand, and it is not that of {what}",
+        "on {place} a person or a program has set the hardware address of {what} by hand, and it is not that of {what}",
         do=(on("ip neighbour flush nud permanent"),),
         look=(on("ip neighbour show nud permanent"),),
         what="a computer",
@@ -223,7 +223,7 @@ LINKS: Mapping[Key, Fault] = {
         look=(SIGNAL,),
         what="its link",
         cost=3.5,
-        why="it says less than what lets nothing pass",
+        why="it says less than a fault that lets nothing pass",
         hard=False,
     ),
     ("link", "power_save"): Fault(
@@ -251,18 +251,18 @@ LINKS: Mapping[Key, Fault] = {
         why="a link that is down or loses packets is more frequent",
         hard=False,
     ),
-    # Ways of packets: where they were seen to end, and no other part explains it
+    # Ways of packets: the place where they end, and no other component explains it
     ("way", "between"): Fault(
         "RF-241",
         "packets end between {place}: {what}",
         do=(
             hand(
-                "look at the cable, the switch or the access point between {place}: one of them drops what the other has sent"
+                "look at the cable, the switch or the access point between {place}: one of them drops the packets of the other"
             ),
         ),
         look=(on("ip -s link; ip neighbour; nft list ruleset"),),
         cost=4.0,
-        why="it is named where no part of the table is left",
+        why="it is named if no component of the table is left",
         what="they leave one and do not come in at the other",
         hard=False,
     ),
@@ -276,7 +276,7 @@ LINKS: Mapping[Key, Fault] = {
         ),
         look=(on("ip rule; ip route; nft list ruleset; ip -s link; nstat -az | grep -iE 'drop|filter'"),),
         cost=4.0,
-        why="it is named where no part of the table is left",
+        why="it is named if no component of the table is left",
         what="they come in and do not go on",
         hard=False,
     ),

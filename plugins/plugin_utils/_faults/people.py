@@ -28,7 +28,7 @@ def _node(number: int, sentence: str, what: str, *do: Advice, look: Advices = (N
         look=look,
         what=what,
         read=ALWAYS,
-        why="what the node announces was read",
+        why="the host that the node announces was read",
     )
 
 
@@ -48,10 +48,10 @@ NODES: Mapping[Key, Fault] = {
         cost=2.0,
         what="ROS_HOSTNAME or ROS_IP",
         read=READ,
-        why="tutorials tell people to write them into ~/.bashrc",
+        why="tutorials advise people to write them into ~/.bashrc",
     ),
     ("node", "loopback"): _node(
-        1, "on {place} {what}, where no other computer reaches it", "a node announces 127.0.0.1"
+        1, "on {place} {what}, an address at which no other computer reaches it", "a node announces 127.0.0.1"
     ),
     ("node", "address"): _node(
         2,
@@ -63,7 +63,7 @@ NODES: Mapping[Key, Fault] = {
     ),
     ("node", "interface"): _node(
         3,
-        "on {place} {what}, where other robots do not reach it, so they do not take it",
+        "on {place} {what}, an address at which other robots do not reach it, so they do not take it",
         "a node announces the address of another interface",
     ),
     ("node", "name"): _node(
@@ -139,7 +139,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         do=(hand("verify again; with many computers with -e verify_lifetime=600"),),
         look=(on("journalctl -n 50 -u multimaster-verify-talker"),),
         cost=3.5,
-        why="it is started for this run alone",
+        why="it is started only for this run",
         what="rostopic pub fails there",
     ),
     ("registration", "listener"): Fault(
@@ -148,12 +148,12 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         do=(hand("verify again; with many computers with -e verify_patience=60"),),
         look=(on("timeout 5 rostopic echo -n 1 /rosout"),),
         cost=3.5,
-        why="it is started for this run alone",
+        why="it is started only for this run",
         what="rospy fails there",
     ),
     ("registration", "untold"): Fault(
         "RF-525",
-        "nodes on {place} are not told of new publishers: its roscore has them, and does not reach the nodes there",
+        "nodes on {place} do not hear of new publishers: its roscore has them, and does not reach the nodes there",
         do=(hand("let the computer of the roscore know the name {place}, and reach TCP ports above 1024 there"),),
         look=(Advice("the computer of its roscore", "getent ahostsv4 {place}; ping -c 1 {place}"), RULES),
         read=ALWAYS,
@@ -161,7 +161,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ),
     ("registration", "closed"): Fault(
         "RF-526",
-        "a node on {place} says where its topic is to be had, and no connection to that port opens",
+        "a node on {place} announces a port for its topic, and no connection to that port opens",
         do=(
             hand(
                 f"accept TCP ports 1024 to 65535 from the robots' networks on {{place}}, {MAKERS}: nodes have any of them"
@@ -190,7 +190,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ),
     ("topic", "shared"): Fault(
         "RF-531",
-        "nodes of {place} publish the same topics, and who hears the one hears the other, too: {what}",
+        "nodes of {place} publish the same topics, and a subscriber of the one hears the other, too: {what}",
         do=(
             hand("give one of the two nodes a namespace of its robot: <group ns=...> in its launch file, or __ns:=..."),
             change(
@@ -226,7 +226,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
                 "or true on all of them, before their nodes start",
             ),
             change(
-                "or leave /clock and what the simulation publishes out by multimaster_exports or multimaster_filters"
+                "or leave /clock and the topics of the simulation out by multimaster_exports or multimaster_filters"
             ),
             site_of_all(),
         ),
@@ -255,7 +255,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
             site_of_all(),
         ),
         look=(Advice("a computer of the fleet", "ip neighbour show {place}"),),
-        what="somebody",
+        what="a program",
         why="its datagrams were heard",
     ),
 }

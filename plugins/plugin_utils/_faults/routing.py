@@ -82,7 +82,7 @@ ROUTING: Mapping[Key, Fault] = {
     ),
     ("forwarding", "off"): Fault(
         "RF-271",
-        "{place} drops what is meant for another network, so nobody gets through it",
+        "{place} drops packets for other networks, so nobody gets through it",
         do=(site("sets net.ipv4.ip_forward, now and at boot"),),
         look=(
             on(
@@ -128,16 +128,16 @@ ROUTING: Mapping[Key, Fault] = {
         "RF-275",
         "{place} translates addresses (masquerading, NAT)",
         do=(
-            hand("delete the rule on {place} that masquerades what goes to the robots' networks: the look shows it"),
+            hand("delete the rule on {place} that masquerades packets to the robots' networks: the look shows it"),
             hand("a container or virtual machine: connect it by a bridge, instead of NAT"),
             on(
                 "conntrack -D --src-nat",
-                "where no rule is left: it ends connections from before, which are still translated",
+                "if no rule is left: it ends older connections, which are still translated",
             ),
         ),
         look=(
             on("nft -a list ruleset | grep -nE 'masquerade|snat|dnat'; iptables -t nat -S"),
-            on("conntrack -L --src-nat", "what is translated now"),
+            on("conntrack -L --src-nat", "the connections that are translated now"),
         ),
         cost=2.0,
         why="routers of homes, Docker and libvirt do it",

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Faults of our own services: roscore, discovery, sync, relay, what they exchange. Ids RF-4xx."""
+"""Faults of our own services: roscore, discovery, sync, relay, their exchange. Ids RF-4xx."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ DISCOVERIES: Mapping[Key, Fault] = {
     ),
     ("discovery", "configuration"): Fault(
         "RF-415",
-        "the discovery node of {place} does not serve what is planned",
+        "the discovery node of {place} does not serve the planned robot",
         do=(site("writes its parameters, and restarts it"),),
         look=(on("rosparam get /master_discovery"), DISCOVERY),
         cost=3.4,
@@ -146,7 +146,7 @@ SYNCS: Mapping[Key, Fault] = {
         "RF-424",
         "{what} offers more than the 5000 registrations that the sync node of {place} takes of one master",
         do=(
-            change("leave out what nobody needs, by multimaster_exports or multimaster_filters"),
+            change("leave out the topics that nobody needs, by multimaster_exports or multimaster_filters"),
             site_of_all(),
         ),
         look=(SYNC,),
@@ -155,7 +155,7 @@ SYNCS: Mapping[Key, Fault] = {
     ),
     ("sync", "untold"): Fault(
         "RF-425",
-        "the sync node of {place} does not tell what it has registered",
+        "the sync node of {place} does not report its registrations",
         do=(RESTART_SYNC,),
         look=(on("rosservice call /master_sync/get_sync_info"), SYNC),
         why="its service answers as long as it runs",
@@ -168,14 +168,14 @@ SYNCS: Mapping[Key, Fault] = {
         cost=2.5,
         what="another master",
         read=ALWAYS,
-        why="what it has was compared with what the other gives",
+        why="its registrations were compared with those that the other gives",
     ),
     ("sync", "refuses"): Fault(
         "RF-427",
         "the sync node of {place} refuses {what}, since the name is taken, or the type or the place is another one",
         do=(
             hand(
-                "its log says which of these it is: rename one of the two, or start the node where its robot has a computer"
+                "its log says which of these it is: rename one of the two, or start the node on a computer of its robot"
             ),
         ),
         look=(SYNC,),
@@ -188,8 +188,8 @@ SYNCS: Mapping[Key, Fault] = {
         "the sync node of {place} refuses {what}",
         do=(
             hand(
-                "mend what it names: give one of the two another name, install the same version of the message package on both, or start the node "
-                "where its robot has a computer (a laptop belongs into multimaster_allow)"
+                "change the nodes that it names: give one of the two another name, install the same version of the message package on both, or start the node "
+                "on a computer of its robot (a laptop belongs into multimaster_allow)"
             ),
         ),
         look=(SYNC,),
@@ -239,7 +239,7 @@ UNITS: Mapping[Key, Fault] = {
     ("service", "looping"): Fault(
         "RF-435",
         "on {place} systemd starts {what} again and again, and in vain",
-        do=(site("writes the unit anew, with what it needs"),),
+        do=(site("writes the unit anew, with its needs"),),
         look=(LOG, on("systemctl cat {what}")),
         cost=2.0,
         what=UNIT,
@@ -322,12 +322,12 @@ EXCHANGE: Mapping[Key, Fault] = {
     ),
     ("declaration", "narrow"): Fault(
         "RF-443",
-        "{place} leaves out what the others need: {what}",
+        "{place} leaves out topics that the others need: {what}",
         do=(change("add it to multimaster_exports of {place}, or take it out of multimaster_filters"), site()),
         look=(Advice("the master of {place}", "rosparam get /master_discovery; rosparam get /master_sync"),),
         what="see multimaster_exports",
         read=READ,
-        why="the inventory was compared with what is needed",
+        why="the inventory was compared with the needed one",
     ),
     ("messages", "differ"): Fault(
         "RF-444",
@@ -339,7 +339,7 @@ EXCHANGE: Mapping[Key, Fault] = {
     ),
     ("messages", "unknown"): Fault(
         "RF-445",
-        "the Python of ROS on {place} does not tell the classes of its message types: {what}",
+        "the Python of ROS on {place} does not list the classes of its message types: {what}",
         do=(on("apt-get install --reinstall python3-std-msgs", "or the package that the look names"),),
         look=(on("rosmsg md5 std_msgs/String; python3 -c 'import std_msgs.msg'"),),
         what="rospy fails there",

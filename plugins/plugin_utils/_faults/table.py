@@ -31,9 +31,9 @@ CLOCKS: Mapping[Key, Fault] = {
     ),
 }
 
-#: What the features add.
+#: The additions of the features.
 HOOKS = tuple(load_hooks("components", ComponentHooks).values())
-#: What verify can find.
+#: The faults that verify can find.
 FAULTS: Mapping[Key, Fault] = {
     **COMPUTER,
     **NAMES,
@@ -48,7 +48,7 @@ FAULTS: Mapping[Key, Fault] = {
     **CLOCKS,
     **{key: fault for hooks in HOOKS for key, fault in hooks.faults.items()},
 }
-#: What verify, predict and watch can find.
+#: The faults that verify, predict and watch can find.
 TABLE: Mapping[Key, Fault] = {**FAULTS, **PREDICTIONS, **LOSSES, **SUMMARIES}
 #: hundreds of an id -> the area
 AREAS: Mapping[str, str] = {
@@ -59,5 +59,5 @@ AREAS: Mapping[str, str] = {
     "5": "people's nodes, topics and shells",
     "6": "the clock and the tunnel",
     "7": "predict: after site.yml",
-    "8": "watch: what was lost",
+    "8": "watch: the losses",
 }

@@ -67,7 +67,7 @@ def find_wrong_relay_ports(fleet: Fleet) -> Iterator[str]:
     ends = {name for channel in fleet.channels for name in (channel.robot, channel.other)}
     for robot in (robot for robot in fleet.robots if robot.name in ends):
         own, port = robot.variables, robot.variables.roscore_port + RELAY_PORT
-        why = "which it needs, since multimaster_exports renames or slows what crosses"
+        why = "which it needs, since multimaster_exports renames or slows the crossing topics"
         if port > 65535:
             yield (
                 f"{robot.host}: multimaster_roscore_port is {own.roscore_port}, and the port of the relay is {RELAY_PORT} above it, {why}; expected at "
@@ -84,7 +84,7 @@ _TREE = ("/tf", "/tf_static")
 
 
 def find_wrong_frames(fleet: Fleet) -> list[str]:
-    """Return a sentence for each robot whose frames do not hang together with those of others, or cannot be told from them."""
+    """Return a sentence for each robot whose frames are not connected with those of other robots, or have the same names."""
     problems = {}
     for robot, channels in _list_renamed(fleet):
         crossing = [name for name in _TREE if any(matches(channel.entry.given_topics, name) for channel in channels)]
@@ -94,12 +94,12 @@ def find_wrong_frames(fleet: Fleet) -> list[str]:
             problems[robot.name, "tree"] = (
                 f"{robot.master.name}: multimaster_exports gives {' and '.join(crossing)} to {other} with 'frames', but multimaster_frames does not "
                 "say how the robots' frames hang together; expected a frame of all and the root of this robot's tree: set multimaster_frames to "
-                f"{{world: map}} in group_vars/{robot.name}.yml, or to '{EXTERNAL}', where something else publishes it."
+                f"{{world: map}} in group_vars/{robot.name}.yml, or to '{EXTERNAL}', if something else publishes it."
             )
         elif crossing == ["/tf"]:
             problems[robot.name, "tree"] = (
                 f"{robot.master.name}: multimaster_exports gives /tf to {other} with 'frames', but not /tf_static; expected both, since a tree "
-                f"without its fixed transforms falls apart: add /tf_static beside it in group_vars/{robot.name}.yml."
+                f"without its fixed transforms falls apart: add /tf_static, too, in group_vars/{robot.name}.yml."
             )
         if len(prefixes) > 1:
             problems[robot.name, "prefix"] = (
@@ -199,7 +199,7 @@ def _find_collisions(parties: Mapping[str, Robot], robots: Sequence[str]) -> lis
     """Return a sentence for two robots that give the same service or action to a third, by its name or by a pattern."""
     return sorted(
         f"{parties[first].host}: multimaster_exports gives the {KINDS[key]} {name} to {shorten_list(receivers)}, and so does "
-        f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose with 'to' who gets which."
+        f"that of {second}; expected one of the two, {why}: rename it on one of them, or choose the receivers of each with 'to'."
         for key, why in _ONE_GIVER.items()
         for name, givers in _match_givers(parties.values(), key)
         for (first, second), receivers in _pair_givers(givers, parties, robots)
@@ -210,7 +210,7 @@ Giver = tuple[Robot, Export]
 
 
 def _find_meeting_names(parties: Sequence[Robot], robots: Sequence[str]) -> list[str]:
-    """Return a sentence for what comes to a robot by one name from two robots, or twice from one, where a relay renames or slows it.
+    """Return a sentence for a topic that comes to a robot by one name from two robots, or twice from one, if a relay renames or slows it.
 
     Two patterns of which none is within the other, such as /*/x and /y/*, are not compared.
     """
@@ -225,7 +225,7 @@ def _find_meeting_names(parties: Sequence[Robot], robots: Sequence[str]) -> list
     return [
         f"{by_name[giver].host}: multimaster_exports gives {name} to {shorten_list(receivers)}, and so does "
         f"{'another entry' if giver == other else f'that of {other}'}; expected one of the two, since their messages would be mixed: "
-        f"choose another namespace with 'as', or with 'to' who gets which, in {by_name[giver].file}."
+        f"choose another namespace with 'as', or the receivers of each with 'to', in {by_name[giver].file}."
         for (giver, other, name), receivers in meetings.items()
     ]
 
@@ -251,7 +251,7 @@ def _list_meeting(one: Export, other: Export) -> list[str]:
 
 
 def _find_wrong_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
-    """Yield a sentence for what is to come back from a certain robot that does not give it, and for what would come by two ways."""
+    """Yield a sentence for a topic that is to come back from a robot that does not give it, and for one that would come by two ways."""
     for party in parties.values():
         for other in (
             parties[name] for name in dict.fromkeys(_list_receivers(party)) if name in parties.keys() - {party.name}
@@ -274,10 +274,10 @@ def _find_wrong_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
 
 
 def _find_lost_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
-    """Yield a sentence for a topic that goes to a robot by the relay, and comes back from it by its own declaration alone.
+    """Yield a sentence for a topic that goes to a robot by the relay, and comes back from it only by its own declaration.
 
-    What a relay takes across is left out of the ordinary exchange, so it would be lost without a word. A pattern names no topic: all
-    that a station has for a robot, `/kobuki1/*`, has what came from there in it.
+    Topics that a relay takes across are left out of the ordinary exchange, so they would be lost without a word. A pattern names no topic: all
+    that a station has for a robot, `/kobuki1/*`, has its incoming topics in it.
     """
     for party, other in itertools.permutations(parties.values(), 2):
         returned = _list_ordinary_topics(other, party.name)
@@ -331,7 +331,7 @@ def _find_crossing_parameters(parties: Mapping[str, Robot], robots: Sequence[str
             problems.append(
                 f"{parties[first].host}: multimaster_exports gives the parameter {given[first]} to {shorten_list(receivers)}, and {also} "
                 f"{second}; expected one of the two, since a roscore keeps one value: put it into a namespace of its robot, or choose "
-                "with 'to' who gets which."
+                "the receivers of each with 'to'."
             )
     return problems
 
@@ -355,7 +355,7 @@ def _match_givers(parties: Collection[Robot], key: str) -> Iterator[tuple[str, d
 def _pair_givers(
     givers: Mapping[str, Sequence[Export]], parties: Mapping[str, Robot], robots: Sequence[str]
 ) -> list[tuple[tuple[str, str], list[str]]]:
-    """Return pairs of robots that give the same to a third, with the receivers. Each receiver stands in one pair."""
+    """Return pairs of robots that give the same to a third, with the receivers. Each receiver is in one pair."""
     if len(givers) < 2:
         return []
     reached = {
@@ -376,7 +376,7 @@ _WHITE_LISTS = sorted(name for name, parameter in FILTERS.items() if parameter i
 
 
 def _find_second_white_lists(parties: Sequence[Robot]) -> Iterator[str]:
-    """Yield a sentence for each robot with a white list of its own beside a flow to it, since that would widen the flow."""
+    """Yield a sentence for each robot with both a white list of its own and a flow to it, since that would widen the flow."""
     flows = make_flows({party.name: party.variables.exports for party in parties})
     for party in parties:
         lists = ", ".join(name for name in _WHITE_LISTS if party.filters.get(name))
@@ -385,7 +385,7 @@ def _find_second_white_lists(parties: Sequence[Robot]) -> Iterator[str]:
             yield (
                 f"{party.host}: multimaster_filters has {lists}, but multimaster_exports of {shorten_list(givers)} says already what "
                 f"{party.name} gets; expected filters named ignore_* or sync_hosts there: remove {lists}, and have "
-                "multimaster_exports of the others name what is wanted."
+                "multimaster_exports of the others name the wanted topics."
             )
 
 
@@ -459,7 +459,7 @@ def _find_wrong_seals(robots: Sequence[Robot], inventory: Inventory, shared: Fle
 
 
 def _find_wrong_companion(robot: Robot) -> Iterator[str]:
-    """Yield a sentence where nobody, or the wrong computer, is to run the nodes for a sealed roscore."""
+    """Yield a sentence if nobody, or the wrong computer, is to run the nodes for a sealed roscore."""
     host, companion, choices = robot.hosts[0], robot.variables.companion, ", ".join(robot.hosts)
     if companion is None:
         if robot.has_sealed_master and len(robot.hosts) > 1:
@@ -469,7 +469,7 @@ def _find_wrong_companion(robot: Robot) -> Iterator[str]:
             )
     elif companion in robot.seals:
         yield (
-            f"{host}: multimaster_companion is {companion}, which is sealed; expected a computer where Ansible may log in, one of "
+            f"{host}: multimaster_companion is {companion}, which is sealed; expected a computer at which Ansible may log in, one of "
             f"{choices}: correct it in {robot.file}."
         )
     elif companion not in robot.hosts:
@@ -491,7 +491,7 @@ def _find_tasks_of_sealed(robot: Robot, raw: Values) -> Iterator[str]:
     if gateways:
         yield (
             f"{gateways[0]}: is sealed, and multimaster_gateway of the robot {robot.name}; expected a gateway that can be set up: a computer "
-            f"of the inventory, or a device for which playbooks/router_config.yml writes what to paste: correct it in {robot.file}."
+            f"of the inventory, or a device for which playbooks/router_config.yml writes the commands to paste: correct it in {robot.file}."
         )
     if not robot.has_sealed_master:
         return
@@ -502,6 +502,6 @@ def _find_tasks_of_sealed(robot: Robot, raw: Values) -> Iterator[str]:
         )
     if robot.variables.provider not in (None, "bundled"):
         yield (
-            f"{robot.variables.master}: is sealed, but multimaster_provider of the robot {robot.name} is '{robot.variables.provider}', whose nodes run beside "
-            f"their roscore alone; expected 'bundled', whose nodes can run on another computer: correct it in {robot.file}."
+            f"{robot.variables.master}: is sealed, but multimaster_provider of the robot {robot.name} is '{robot.variables.provider}', whose nodes run only on "
+            f"the computer of their roscore; expected 'bundled', whose nodes can run on another computer: correct it in {robot.file}."
         )

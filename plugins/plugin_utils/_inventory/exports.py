@@ -39,7 +39,7 @@ _WHOLE_NAME = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
 _LONGEST = 255
 _NAME = re.compile(r"[/*][A-Za-z0-9_/*]*")
 
-# What makes an entry one of the relay, which renames topics and keeps their rate.
+# The keys that make an entry one of the relay, which renames topics and keeps their rate.
 OF_RELAY = ("as", "rate", "newest", "frames", "whole")
 _PREFIX = re.compile(r"(?:[A-Za-z0-9]+[/_])+")
 DIAGNOSTICS = "/diagnostics"
@@ -64,7 +64,7 @@ class Export:
     namespace: str = ""  # below which the receivers have the names, or the receivers' name of the only one: 'as'
     base: str = ""  # the beginning of the names that it replaces
     rate: float = 0.0  # messages a second of each topic at most; 0: all
-    newest: bool = False  # where the link is too slow, only the newest message waits
+    newest: bool = False  # if the link is too slow, only the newest message waits
     frames: str = ""  # in front of the robot's frames, in messages that cross
     whole: tuple[str, ...] = ()  # types of which each message replaces the one before: they have the rate
 
@@ -139,7 +139,7 @@ def read_exports(value: Any) -> tuple[Export, ...]:
 
 
 def _check_white_lists(entries: Sequence[Export]) -> None:
-    """Raise UnexpectedValue where the nodes do not take the names as patterns."""
+    """Raise UnexpectedValue if the nodes do not take the names as patterns."""
     topics = [name for entry in entries for name in entry.topic_names]
     services = [name for entry in entries for name in entry.services]
     try:  # the other robots' master_sync has these white lists
@@ -150,7 +150,7 @@ def _check_white_lists(entries: Sequence[Export]) -> None:
 
 def _check_size(names: Sequence[tuple[str, str]]) -> None:
     if sum(len(name) for _key, name in names) > MOST_TEXT:
-        raise UnexpectedValue(f"names of at most {MOST_TEXT} characters together: '*' stands for any text")
+        raise UnexpectedValue(f"names of at most {MOST_TEXT} characters together: '*' matches any text")
     for stars, most in MOST_NAMES_WITH.items():
         count = sum(3 if key == "actions" else 1 for key, name in names if name.count("*") == stars)
         if count > most:
@@ -177,7 +177,7 @@ def _check_parameters(names: Collection[tuple[str, str]]) -> None:
 
 
 def _read_entries(entry: Mapping[Any, Any]) -> Iterator[Export]:
-    """Read an entry: one export, or one for each name, where 'as' has another name for each."""
+    """Read an entry: one export, or one for each name, if 'as' has another name for each."""
     renamed = entry.get("as")
     if not isinstance(renamed, Mapping):
         yield _read_entry(entry)
@@ -227,23 +227,23 @@ def _read_entry(entry: Mapping[Any, Any], base: str = "") -> Export:
 
 
 def _check_kinds(export: Export) -> None:
-    """Raise UnexpectedValue where an entry about messages names what has none, or what each relay publishes itself."""
+    """Raise UnexpectedValue if an entry about messages names a service or parameter, or a topic that each relay publishes itself."""
     if export.parameters or export.services:
         raise UnexpectedValue(
-            "topics and actions alone in an entry with 'rate', 'newest' or 'frames', which are about messages: put the others into an entry of "
+            "only topics and actions in an entry with 'rate', 'newest' or 'frames', which are about messages: put the others into an entry of "
             "their own"
         )
     if not export.namespace and DIAGNOSTICS in export.topics:
         raise UnexpectedValue(
-            f"another name for {DIAGNOSTICS} by 'as' where a relay takes it across, since each relay publishes it itself"
+            f"another name for {DIAGNOSTICS} by 'as' if a relay takes it across, since each relay publishes it itself"
         )
 
 
 def _check_way_back(export: Export) -> None:
-    """Raise UnexpectedValue where a way back is named that no relay has."""
+    """Raise UnexpectedValue if a way back is named that no relay has."""
     if export.back and not export.is_relayed:
         raise UnexpectedValue(
-            f"'back' beside 'as', 'rate', 'newest' or 'frames', but it has {export.back[0]} alone: without these the other robot gives it "
+            f"'back' with 'as', 'rate', 'newest' or 'frames', but it has only {export.back[0]}: without these the other robot gives it "
             "by its own multimaster_exports"
         )
     if DIAGNOSTICS in export.back:
@@ -251,7 +251,7 @@ def _check_way_back(export: Export) -> None:
 
 
 def _read_relay(entry: Mapping[Any, Any]) -> dict[str, Any]:
-    """Read what makes an entry one of the relay."""
+    """Read the keys that make an entry one of the relay."""
     namespace, rate, newest = entry.get("as", ""), entry.get("rate", 0), entry.get("newest", False)
     frames = entry.get("frames", "")
     if "as" in entry and (not isinstance(namespace, str) or not _WHOLE_NAME.fullmatch(namespace)):
@@ -272,7 +272,7 @@ def _read_relay(entry: Mapping[Any, Any]) -> dict[str, Any]:
 def _read_types(value: Any, has_rate: bool) -> tuple[str, ...]:
     """Read the types at 'whole'."""
     if not has_rate:
-        raise UnexpectedValue("'whole' beside 'rate' alone: it says of which types the newest message is enough")
+        raise UnexpectedValue("'whole' only with 'rate': it lists the types of which the newest message is enough")
     texts = value if isinstance(value, list) else [value]
     wrong = [text for text in texts if not isinstance(text, str) or not _TYPE.fullmatch(text)]
     if value != texts or wrong or len(texts) > MOST_TYPES:
@@ -282,19 +282,19 @@ def _read_types(value: Any, has_rate: bool) -> tuple[str, ...]:
     return tuple(texts)
 
 
-#: The value of `multimaster_frames` where something else publishes how the robots' frames hang together.
+#: The value of `multimaster_frames` if something else publishes how the robots' frames are connected.
 EXTERNAL = "external"
 _FRAME = re.compile(r"[A-Za-z][A-Za-z0-9_/]*")
 
 
 def read_frames(value: Any) -> tuple[str, str]:
-    """Read `multimaster_frames`: the world and the root of the robot's tree; two empty texts where something else says it. Raises UnexpectedValue."""
+    """Read `multimaster_frames`: the world and the root of the robot's tree; two empty texts if something else publishes it. Raises UnexpectedValue."""
     if value == EXTERNAL:
         return "", ""
     items = list(value.items()) if isinstance(value, Mapping) else []
     if len(items) != 1 or not all(isinstance(text, str) and _FRAME.fullmatch(text) for text in items[0]):
         raise UnexpectedValue(
-            f"the frame of all robots with the root of this robot's tree, such as {{world: map}}, or {EXTERNAL}, where something else "
+            f"the frame of all robots with the root of this robot's tree, such as {{world: map}}, or {EXTERNAL}, if something else "
             "publishes how they hang together"
         )
     return str(items[0][0]), str(items[0][1])

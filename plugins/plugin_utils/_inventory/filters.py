@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the nodes take, in the nodes' own words: filters of the exchange, parameters of master_sync, and those that never cross.
+"""The options of the nodes, in their own words: filters of the exchange, parameters of master_sync, and those that never cross.
 
 The controller has the files of the nodes on its disk, since it brings them to the robots.
 """

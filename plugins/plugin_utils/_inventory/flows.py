@@ -63,13 +63,13 @@ def make_flows(exports: Mapping[str, Sequence[Export] | None]) -> tuple[Flow, ..
 class PlannedChannel:
     """Topics and services that go from a robot to one other by the relays of the two, and topics that come back.
 
-    What the robot calls /scan, the other one calls /kobuki1/scan, with the namespace /kobuki1, which replaces the base.
+    The topic /scan of the robot is /kobuki1/scan at the other one, with the namespace /kobuki1, which replaces the base.
     """
 
     robot: str
     other: str
     entry: Export  # of the robot's declaration
-    back: tuple[str, ...]  # what comes back: that the other robot gives, and the goals of actions
+    back: tuple[str, ...]  # topics that come back: those that the other robot gives, and the goals of actions
 
 
 def find_outer_name(channel: Mapping[str, Any], name: str) -> str:
@@ -78,7 +78,7 @@ def find_outer_name(channel: Mapping[str, Any], name: str) -> str:
 
 
 def find_inner_name(channel: Mapping[str, Any], name: str) -> str | None:
-    """Return the name on the robot with the inner ones; None where the channel has none for it."""
+    """Return the name on the robot with the inner ones; None if the channel has none for it."""
     rest = name[len(channel["as"]) :]
     inside = name.startswith(channel["as"]) and (not rest or rest.startswith("/"))
     return (channel["base"] + rest or None) if inside else None

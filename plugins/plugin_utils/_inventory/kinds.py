@@ -73,7 +73,7 @@ def address(value: Any) -> IPv4Address:
     parsed = _parse(ip_address, value, "an IPv4 address such as 192.168.1.229")
     if isinstance(parsed, IPv6Address):
         raise UnexpectedValue(
-            "an IPv4 address such as 192.168.1.229, since the nodes of ROS 1 are reached by IPv4 alone here"
+            "an IPv4 address such as 192.168.1.229, since the nodes of ROS 1 are reached only by IPv4 here"
         )
     if not isinstance(parsed, IPv4Address) or parsed.is_loopback or parsed.is_multicast or parsed.is_unspecified:
         raise UnexpectedValue("the IPv4 address of one computer, such as 192.168.1.229")
@@ -131,7 +131,7 @@ def gateway(value: Any) -> str | IPv4Address:
     raise UnexpectedValue("the name of a computer of the robot, or the address of another device")
 
 
-# No computer has an address of these: this network, the computer itself, groups and what is reserved (RFC 6890).
+# No computer has an address of these: this network, the computer itself, groups and reserved ones (RFC 6890).
 NOBODYS = tuple(map(IPv4Network, ("0.0.0.0/8", "127.0.0.0/8", "224.0.0.0/3")))
 
 

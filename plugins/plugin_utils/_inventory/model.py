@@ -3,7 +3,7 @@
 
 """An inventory, and the fleet as types: robots, computers, networks. `read.read_fleet` makes the one of the other.
 
-While an inventory is checked, a variable that is not set, or cannot be read, is None. So is what follows from it. The fleet
+While an inventory is checked, a variable that is not set, or cannot be read, is None. So are values that follow from it. The fleet
 that `read_fleet` returns has no such gaps.
 """
 
@@ -62,7 +62,7 @@ class Computer:
 
     @property
     def discovery_address(self) -> IPv4Address:
-        """The address that discovery uses: the one in the common network, where there is one."""
+        """The address that discovery uses: the one in the common network, if there is one."""
         return self.common_address or self.address
 
 
@@ -137,7 +137,7 @@ class Robot:
 
     @property
     def master_name(self) -> str:
-        """The name of its master: its computer, and the port where that is not 11311 (as upstream does). Empty: not known."""
+        """The name of its master: its computer, and the port if that is not 11311 (as upstream does). Empty: not known."""
         master, port = self.variables.master or self.hosts[0], self.variables.roscore_port
         if not port or master not in (*self.hosts, *self.seals):
             return ""
@@ -176,7 +176,7 @@ class Robot:
         return [entry for entry in self.entries if not entry.is_relayed]
 
     def receivers(self, entry: Export, robots: Iterable[str]) -> list[str]:
-        """Return the robots that get what an entry of its declaration names."""
+        """Return the robots that get the topics of an entry of its declaration."""
         return [robot for robot in robots if robot != self.name and (not entry.to or robot in entry.to)]
 
 
@@ -189,13 +189,13 @@ class Overlay:
 
 @dataclass(frozen=True)
 class Fleet:
-    """All robots and what they share."""
+    """All robots and their common values."""
 
     robots: tuple[Robot, ...]
     router: Router | None
     variables: FleetVariables
-    overlay: Overlay | None = None  # the common network, where an optional feature makes it
-    multicast_routing: str = "none"  # what passes the group on at gateways, where an optional feature does
+    overlay: Overlay | None = None  # the common network, if an optional feature makes it
+    multicast_routing: str = "none"  # the program that passes the group on at gateways, if an optional feature does
 
     @property
     def computers(self) -> tuple[Computer, ...]:
@@ -226,5 +226,5 @@ class Fleet:
 
     @cached_property
     def has_exports(self) -> bool:
-        """True if any robot declares what it gives."""
+        """True if any robot declares its exports."""
         return any(robot.variables.exports is not None for robot in self.robots)

@@ -4,7 +4,7 @@
 """The file of an inventory that a problem is corrected in, and problems that several robots have for one reason. Pure.
 
 Sentences name the file that a robot of its own would have, group_vars/ROBOT.yml, or none. Several robots may have one file, that of a
-group above them, and what is wrong in it is wrong once.
+group above them, and a fault in it is one fault.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def name_files(problems: Sequence[str], members: Mapping[str, HostMembership], f
 
     `members` are those of the hosts with which the sentences begin.
     """
-    alike: dict[str, list[str]] = {}  # what is left of a sentence without the names of its robot -> the sentences
+    alike: dict[str, list[str]] = {}  # a sentence without the names of its robot -> the sentences
     for problem in problems:
         host, _colon, text = problem.partition(": ")
         robot = members[host].robot if host in members else ""

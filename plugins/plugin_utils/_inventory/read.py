@@ -24,7 +24,7 @@ from .model import Computer, Fleet, Inventory, Robot, Router, Values
 
 
 class InventoryProblems(Exception):
-    """An inventory has problems: one sentence each, with host, variable, value and what is expected."""
+    """An inventory has problems: one sentence each, with host, variable, found and expected value."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = list(problems)
@@ -87,7 +87,7 @@ def _open_collections(inventory: Inventory, problems: list[str]) -> Inventory:
             robots[name] = hosts
             continue
         problems.append(
-            f"The group {name}: stands between 'robots' and the groups {', '.join(groups)}, so it is one robot, but its computers "
+            f"The group {name}: is between 'robots' and the groups {', '.join(groups)}, so it is one robot, but its computers "
             "have no multimaster_master in common; expected each robot directly below 'robots': put these groups there. Is it "
             f"one robot? Then set multimaster_master in group_vars/{name}.yml."
         )
@@ -269,7 +269,7 @@ def _read_router(inventory: Inventory, device: IPv4Address | None, problems: lis
     if device not in (None, address):
         problems.append(
             f"{name}: multimaster_address is {address}, but multimaster_router is {device}; expected one router: leave "
-            "multimaster_router out where the group 'routers' has a host."
+            "multimaster_router out if the group 'routers' has a host."
         )
     return Router(name, address)
 
@@ -285,7 +285,7 @@ def _find_robot_problems(robot: Robot, inventory: Inventory) -> Iterator[str]:
     if not hosts:
         yield f"The robot {name} has no computers: its group is empty; expected at least one host: add it or remove the group."
     elif master is None and any(inventory.is_set(host, "master") for host in hosts):
-        pass  # it is set, to what cannot be read: that has its sentence
+        pass  # it is set, to a value that cannot be read: that has its sentence
     elif master is None:
         yield (
             f"{hosts[0]}: multimaster_master is not set; expected the computer of the robot {name} that runs its roscore, "
@@ -329,12 +329,12 @@ def _find_ambiguous_names(fleet: Fleet) -> Iterator[str]:
             if name.lower() == "localhost" and name != computer:
                 yield (
                     f"{computer}: multimaster_aliases has localhost, which every computer is for itself; expected names of "
-                    "this computer alone: remove it."
+                    "only this computer: remove it."
                 )
 
 
 def _collapse(problems: Sequence[str], hosts: Sequence[str]) -> list[str]:
-    """Return one sentence for a value that is wrong on many hosts, since it stands in one place of the inventory."""
+    """Return one sentence for a value that is wrong on many hosts, since it is in one place of the inventory."""
     hosts_by_text: dict[str, list[str]] = {}
     for problem in problems:
         host, colon, text = problem.partition(": ")

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The options of the collection's roles, as their argument specifications have them, and what an inventory gives for them.
+"""The options of the collection's roles, as their argument specifications have them, and the values of an inventory for them.
 
 Ansible itself checks them at the beginning of each role, when other roles have changed the computers already.
 """

@@ -29,7 +29,7 @@ class Variable:
     example: str  # of a variable that is required, for the sentence that asks for it
 
 
-_FIELD = partial(field)  # pylint takes a plain call beside a dataclass for a mistake
+_FIELD = partial(field)  # pylint takes a plain call next to a dataclass for a mistake
 
 
 def row(read: Callable[[Any], Any], default: Any = None, example: str = "") -> Any:

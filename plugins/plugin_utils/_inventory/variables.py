@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The variables of the fleet: place, kind and default of each. What each is for stands in docs/operate/variables.md alone.
+"""The variables of the fleet: place, kind and default of each. The purpose of each is only in docs/operate/variables.md.
 
-A variable is a field of one of three classes. The class says where it is set. Its name is `multimaster_` and the name of
+A variable is a field of one of three classes. The class is the level at which it is set. Its name is `multimaster_` and the name of
 the field. To add one, add a field. Reading and the checks for agreement follow. Those of an optional feature are in its folder.
 """
 
@@ -81,7 +81,7 @@ class RobotVariables:
 
 
 _HOOKS = load_hooks("variables", VariableHooks)
-#: class -> feature -> what that feature adds to it
+#: class -> feature -> the addition of that feature
 _OF_FEATURES: Mapping[type, Mapping[str, type[FeaturePart]]] = {
     FleetVariables: {name: hooks.of_fleet for name, hooks in _HOOKS.items() if hooks.of_fleet},
     ComputerVariables: {name: hooks.of_computer for name, hooks in _HOOKS.items() if hooks.of_computer},

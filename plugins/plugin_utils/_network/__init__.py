@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Machines and links to what becomes of packets."""
+"""From machines and links to the fate of packets."""
 
 __all__ = (
     "facts",

@@ -54,7 +54,7 @@ def apply_plan(fleet: FleetPlan, now: World, names: Iterable[str]) -> World:
     return now
 
 
-# What was read
+# The values that were read
 
 
 def _machine(fleet: FleetPlan, plan: ComputerPlan, info: Info) -> Machine:
@@ -102,10 +102,10 @@ def find_link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4
 
 
 def _route(entry: Info) -> Route:
-    # A next hop may be of IPv6 (RFC 5549): then no address is told.
+    # A next hop may be of IPv6 (RFC 5549): then no address is given.
     addresses = {name: "" if ":" in entry[name] else entry[name] for name in ("gateway", "source")}
-    told = {name: entry[name] for name in ("destination", "device", "metric")}
-    return from_plain(Route, {**told, **addresses, "kind": entry["type"]})
+    texts = {name: entry[name] for name in ("destination", "device", "metric")}
+    return from_plain(Route, {**texts, **addresses, "kind": entry["type"]})
 
 
 def read_rules(chains: Iterable[Info]) -> tuple[tuple[Rule, ...], frozenset[str]]:
@@ -130,7 +130,7 @@ def _rule(hook: str, table: str, entry: Info, origin: str) -> Rule:
 
 
 def merge_links(fleet: FleetPlan, world: World) -> World:
-    """Make one link of the links that an interface has addresses of: they are one wire. One that is down stays apart, as the place where packets end."""
+    """Make one link of the links that an interface has addresses of: they are one wire. One that is down stays separate, as the place where packets end."""
     names = {name: name for name, link in world.links.items() if link.up}  # the name of the wire of each link
     for machine in world.machines.values():
         for one in machine.interfaces:
@@ -145,11 +145,11 @@ def merge_links(fleet: FleetPlan, world: World) -> World:
     return world
 
 
-# What site.yml does
+# The changes of site.yml
 
 
 def _add_interfaces(fleet: FleetPlan, plan: ComputerPlan, machine: Machine) -> Machine:
-    """Add the interfaces that optional features make, where they are not there yet."""
+    """Add the interfaces that optional features make, if they are not there yet."""
     for planned in plan.interfaces_to_come:
         if any(one.name == planned.name for one in machine.interfaces):
             continue

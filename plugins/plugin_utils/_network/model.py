@@ -3,7 +3,7 @@
 
 """A world as types: machines with their interfaces, routes and filters, and the links between them.
 
-A world has what decides where packets go. `plan_world` makes it of a plan, `facts` of the facts of machines. `packets.trace`
+A world has all that decides about the way of packets. `plan_world` makes it of a plan, `facts` of the facts of machines. `packets.trace`
 sends packets through it. Nothing here changes: `dataclasses.replace` makes a new world.
 """
 
@@ -46,7 +46,7 @@ class Interface:
     link: str = ""  # the wire or cell that it is in
     mtu: int = 1500
     up: bool = True
-    forwarding: bool = False  # of what comes in here
+    forwarding: bool = False  # of packets that come in here
     rp_filter: int = 0  # the larger value of `all` and the interface
 
 
@@ -64,7 +64,7 @@ class Route:
 
 
 ANY_PORT = (0, 65535)
-MAIN, MAIN_PRIORITY = "main", 32766  # the table that counts where no rule says anything else (ip-rule(8))
+MAIN, MAIN_PRIORITY = "main", 32766  # the table that counts if no rule says anything else (ip-rule(8))
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ class Lookup:
 
     priority: int
     table: str = MAIN
-    source: IPv4Network | None = None  # None: any; what has no address yet is from none
+    source: IPv4Network | None = None  # None: any; a packet without an address yet is from none
     destination: IPv4Network | None = None
-    incoming: str = ""  # the interface by which a packet comes in, lo for what is sent here
+    incoming: str = ""  # the interface by which a packet comes in, lo for packets that are sent here
     kind: str = ""  # of NO_WAY: it leads nowhere itself
     longer: int = -1  # only routes with a longer prefix count (suppress_prefixlength)
     protocol: str = ""
@@ -83,7 +83,7 @@ class Lookup:
     source_ports: tuple[int, int] = ANY_PORT
 
     def matches(self, packet: Packet, incoming: str) -> bool:
-        """Tell if this rule is for a packet."""
+        """Return True if this rule is for a packet."""
         return (
             (self.destination is None or packet.destination in self.destination)
             and (self.source is None or (packet.source is not None and packet.source in self.source))
@@ -94,12 +94,12 @@ class Lookup:
         )
 
 
-NEW, ANSWER = "new", "answer"  # what a filter that follows connections tells apart
+NEW, ANSWER = "new", "answer"  # the states that a filter that follows connections distinguishes
 
 
 @dataclass(frozen=True)
 class Rule:
-    """A rule of a packet filter. What is left out matches everything, and the first rule of a table that matches decides."""
+    """A rule of a packet filter. A field that is left out matches everything, and the first rule of a table that matches decides."""
 
     chain: str
     verdict: str
@@ -109,15 +109,15 @@ class Rule:
     destinations: tuple[IPv4Network, ...] = ()
     incoming: str = ""  # the interface by which a packet comes in
     leaving: str = ""  # the interface by which it leaves
-    state: str = ""  # NEW: what begins something; ANSWER: the rest
-    above: int = 0  # only what has more bytes
+    state: str = ""  # NEW: the first packet of an exchange; ANSWER: the rest
+    above: int = 0  # only packets with more bytes
     table: str = ""  # a packet has to pass the chain of each table
     origins: tuple[
         str, ...
-    ] = ()  # "family table chain" in which it stands; of a policy its chain first, and those of all rules before it
+    ] = ()  # "family table chain" in which it is; of a policy its chain first, and those of all rules before it
 
     def matches(self, packet: Packet, incoming: str, leaving: str) -> bool:
-        """Tell if this rule is for a packet."""
+        """Return True if this rule is for a packet."""
         return (
             self.protocol in ("", packet.protocol)
             and self.ports[0] <= packet.port <= self.ports[1]
@@ -149,8 +149,8 @@ class Machine:
 
     name: str
     interfaces: tuple[Interface, ...] = ()
-    routes: tuple[Route, ...] = ()  # the whole main table, with what the kernel makes for each address
-    lookups: tuple[Lookup, ...] = ()  # beside the kernel's own
+    routes: tuple[Route, ...] = ()  # the whole main table, with the kernel's own routes for each address
+    lookups: tuple[Lookup, ...] = ()  # besides the kernel's own
     tables: Mapping[str, tuple[Route, ...]] = field(default_factory=dict)  # the other tables that these ask
     rules: tuple[Rule, ...] = ()
     unclear: frozenset[str] = frozenset()  # chains with rules that are not among `rules`, since they say more
@@ -235,7 +235,7 @@ def kernel_routes(*interfaces: Interface) -> tuple[Route, ...]:
 
 @dataclass(frozen=True)
 class Link:
-    """A wire, a switch or a wireless cell: what connects interfaces without a router."""
+    """A wire, a switch or a wireless cell: a connection of interfaces without a router."""
 
     name: str
     up: bool = True

@@ -46,7 +46,7 @@ class _PacketEnd(Exception):
 
 
 class Hop(NamedTuple):
-    """A machine that a packet passes, and where it leaves."""
+    """A machine that a packet passes, and the interface by which it leaves."""
 
     machine: str
     device: str = ""
@@ -171,7 +171,7 @@ class Trace:
 
 
 def masquerades(machine: Machine, device: Interface, packet: Packet) -> bool:
-    """Tell if a packet gets the address of the interface by which it leaves. An answer never does."""
+    """Return True if a packet gets the address of the interface by which it leaves. An answer never does."""
     rule = None if packet.answer else machine.find_blocking_rule(NAT, packet, leaving=device.name)
     return rule is not None and rule.verdict == MASQUERADE
 
@@ -205,7 +205,7 @@ class Echo:
     """A question and its answer."""
 
     there: Trace
-    back: Trace | None  # None where the question did not arrive
+    back: Trace | None  # None if the question did not arrive
 
     @property
     def ok(self) -> bool:
@@ -230,7 +230,7 @@ def echo(world: World, start: str, packet: Packet) -> Echo:
         destination=arrived.source,
         port=packet.source_port if packet.port else 0,
         source_port=packet.port,
-        whole=packet.whole and packet.protocol != "icmp",  # a kernel may split what it answers to a ping
+        whole=packet.whole and packet.protocol != "icmp",  # a kernel may split its answer to a ping
         answer=True,
     )
     known = {(machine, new): before for machine, new, before in there.translations}

@@ -10,7 +10,7 @@ from ipaddress import IPv4Network
 
 from .model import ANY_PORT, NO_WAY, Lookup
 
-PROTOCOLS = {"1": "icmp", "6": "tcp", "17": "udp"}  # ip prints the name where /etc/protocols has it
+PROTOCOLS = {"1": "icmp", "6": "tcp", "17": "udp"}  # ip prints the name if /etc/protocols has it
 QUIET = {"proto", "protocol", "realms"}  # they change nothing here
 DETACHED = "[detached]"  # behind the name of an interface that does not exist
 
@@ -60,7 +60,7 @@ def _rule(priority: int, words: list[str]) -> Lookup | None:
         ports=_read_ports(fields.pop("dport", "")),
         source_ports=_read_ports(fields.pop("sport", "")),
     )
-    # What is left was not understood.
+    # The remaining words were not understood.
     return rule if fields.keys() <= QUIET and (rule.table or kind) else None
 
 

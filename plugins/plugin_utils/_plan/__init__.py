@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Model to what each computer needs."""
+"""From the model to the plan of each computer."""
 
 __all__ = (
     "dialects",

@@ -21,7 +21,7 @@ ROUTES, PEERS = "routes", "peers"
 MARK = "rosfleet.multimaster"
 
 # Values of Dialect.again.
-REPLACES = "Using it again replaces what it put there."
+REPLACES = "Using it again replaces its former lines."
 ADDS = "Do so before a robot goes or gets another address."
 
 
@@ -218,7 +218,7 @@ DIALECTS: Mapping[str, Dialect] = {
             Block("end"),
         ),
         notes={
-            GATEWAY: "Where 'ip nat inside source' translates towards the common network, its access list must deny it and the "
+            GATEWAY: "If 'ip nat inside source' translates towards the common network, its access list must deny it and the "
             "networks above."
         },
     ),

@@ -37,7 +37,7 @@ LIBRARIES = {"PYTHONPATH": f"{LIBRARY}/python", "ROS_PACKAGE_PATH": f"{LIBRARY}/
 NAMES = ("ROS_HOSTNAME", "ROS_IP")
 MASTER = "ROS_MASTER_URI"
 
-# What moves nodes, their logs or their sockets: a person may have it, and services of the collection have places of their own.
+# Variables that move nodes, their logs or their sockets: a person may have them, and services of the collection have places of their own.
 OF_PERSONS = (
     "ROS_NAMESPACE",
     "ROS_HOME",
@@ -94,7 +94,7 @@ def merge_for_users(
 
 
 def narrow(environment: Environment, shells: str) -> Environment | None:
-    """Return what shells get: `all` of it, the `names` of the master and of the computer alone, or nothing (`none`)."""
+    """Return the variables that shells get: `all` of it, only the `names` of the master and of the computer, or nothing (`none`)."""
     if shells == "names":
         names = {name: value for name, value in environment.texts.items() if name in (MASTER, *NAMES)}
         return Environment(names, {}, environment.unset)
@@ -129,7 +129,7 @@ def compute_digest(environment: Environment) -> str:
 
 
 def find_gaps(info: Mapping[str, Any], environment: Environment | None) -> list[str]:
-    """Return a sentence for each consumer without the environment on this machine; none where shells are to get nothing."""
+    """Return a sentence for each consumer without the environment on this machine; none if shells are to get nothing."""
     sshd = info["sshd"]
     if not sshd["installed"] or environment is None:
         return []
@@ -193,7 +193,7 @@ def find_differences(
 
 
 def _list_setenv(sshd: Mapping[str, Any], match: bool) -> list[Mapping[str, Any]]:
-    """Return the lines of others, outside or below a Match. A line below a Match counts for its users alone."""
+    """Return the foreign lines, outside or below a Match. A line below a Match counts only for its users."""
     return [other for other in sshd["other_setenv"] if bool(other["match"]) == match]
 
 
@@ -244,7 +244,7 @@ def _render_by_user(environment: Environment, render: Callable[[Environment], li
 def _render_hook(environment: Environment) -> str:
     """Render a hook of catkin. A set-up file makes ROS_PACKAGE_PATH anew, then it sources the hooks.
 
-    Our folders are put in front again, where shells get folders. A value of the person stays. Shells that read no profile
+    Our folders are put in front again, if shells get folders. A value of the person stays. Shells that read no profile
     (zsh, cron) get the fleet's master instead of localhost.
     """
     names = "".join(f"${{{name}-}}" for name in NAMES)

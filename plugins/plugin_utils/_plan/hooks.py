@@ -12,14 +12,14 @@ from typing import Any
 from .._inventory.model import Computer, Fleet, Robot
 from .model import ComputerPlan, PlanPart
 
-Info = Mapping[str, Any]  # what multimaster_info returns
+Info = Mapping[str, Any]  # the result of multimaster_info
 
 
 @dataclass(frozen=True)
 class PlanHooks:
     """The functions of a feature for one computer, in the order in which they are called."""
 
-    #: its part of the plan; None where the computer needs none
+    #: its part of the plan; None if the computer needs none
     make_part: Callable[[Fleet, Robot, Computer], PlanPart | None]
     #: the parts of multimaster_info that it needs of the machine of each computer with ROS
     list_facts: Callable[[Fleet], Iterable[str]] = lambda fleet: ()
@@ -27,7 +27,7 @@ class PlanHooks:
     find_problems: Callable[[ComputerPlan, Info], Iterable[str]] = lambda plan, info: ()
     #: a sentence for each thing that is left as it is
     list_warnings: Callable[[ComputerPlan, Info], Iterable[str]] = lambda plan, info: ()
-    #: its part of the plan with what only the machine knows
+    #: its part of the plan with the values that only the machine knows
     fill: Callable[[ComputerPlan, Any, Info], PlanPart] = lambda plan, part, info: part
     #: the Debian packages that it needs; the plan is filled in
     list_packages: Callable[[ComputerPlan, Info], Iterable[str]] = lambda plan, info: ()

@@ -28,7 +28,7 @@ COMMON_INTERFACE, OWN_INTERFACE = "{common}", "{own}"
 Parameters = Mapping[str, Any]
 
 
-# What all computers share
+# The common values of all computers
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Master:
     uri: str
     monitor_uri: str
     rpc_port: int
-    declared: bool = False  # the robot says what it gives to the others
-    # The address of its roscore, where that is on a sealed computer: then `computer` is the companion.
+    declared: bool = False  # the robot declares its exports
+    # The address of its roscore, if that is on a sealed computer: then `computer` is the companion.
     roscore: IPv4Address | None = field(default=None, metadata=notation(left_out=True))
 
 
@@ -121,7 +121,7 @@ class Listener:
     multicast: bool  # it hears the multicast group of the others
 
 
-# What one computer needs
+# The values of one computer
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class PlanPart(FeaturePart):
 
     @property
     def forwards(self) -> bool:
-        """True if the computer passes packets of others on by it."""
+        """True if the computer passes packets of other computers on by it."""
         return False
 
     @property
@@ -219,8 +219,8 @@ class NodeProgram:
     package: str
     executable: str
     modules: tuple[str, ...]
-    programs: tuple[str, ...] = ()  # what else it uses
-    environment: Mapping[str, str] = field(default_factory=dict)  # what it needs, where the ROS does not set it
+    programs: tuple[str, ...] = ()  # further programs that it uses
+    environment: Mapping[str, str] = field(default_factory=dict)  # the variables that it needs and the ROS does not set
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ class Firewall:
 
     networks: tuple[IPv4Network, ...] = ()  # behind the computer, and protected by it too
     guards: tuple[PlannedGuard, ...] = ()
-    also: tuple[IPv4Network, ...] = ()  # sources that pass on this computer alone
+    also: tuple[IPv4Network, ...] = ()  # sources that pass only on this computer
     open_ports: tuple[str, ...] = ()  # open to everybody
 
 
@@ -293,7 +293,7 @@ class ComputerPlan:
     roscore: str = "managed"  # or existing, or sealed: on another computer, where nobody logs in
     roscore_port: int = 0
     ros_setup: str = "auto"
-    shells: str = "all"  # or names, or none: what shells get of the environment
+    shells: str = "all"  # or names, or none: the part of the environment that shells get
     sysctl: tuple[Setting, ...] = ()
     routes: tuple[PlannedRoute, ...] = ()
     routes_expected: tuple[ExpectedRoute, ...] = ()
@@ -306,7 +306,7 @@ class ComputerPlan:
     provider: str = "bundled"
     discovery: Parameters = field(default_factory=dict)
     sync: Parameters = field(default_factory=dict)
-    # Of master_relay, where one is needed.
+    # Of master_relay, if one is needed.
     relay: Parameters | None = field(default=None, metadata=notation(left_out=True))
     # The folder of node_exporter for the metrics of the nodes. None: the nodes write no metrics.
     metrics_folder: str | None = field(default=None, metadata=notation(left_out=True))
@@ -330,7 +330,7 @@ class ComputerPlan:
 
     @property
     def carrier(self) -> str:
-        """The name of the feature that makes the common network here; empty where none does."""
+        """The name of the feature that makes the common network here; empty if none does."""
         return next((part.carries for part in self.features.values() if part.carries), "")
 
     @property
@@ -340,7 +340,7 @@ class ComputerPlan:
 
     @property
     def forwards(self) -> bool:
-        """True if it passes packets of others on."""
+        """True if it passes packets of other computers on."""
         return self.is_gateway or self.is_router or any(part.forwards for part in self.features.values())
 
     @property
@@ -356,7 +356,7 @@ class ComputerPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class FleetPlan:
-    """The plan of the fleet: what all share, and one entry for each computer.
+    """The plan of the fleet: the common values, and one entry for each computer.
 
     Lists that every computer needs are here once, so the plan grows with the number of computers.
     """

@@ -3,9 +3,9 @@
 
 """Interfaces of a computer that lead into the network of another robot: a bridge of containers, a VPN, a hotspot.
 
-Pure: the networks of the plan, and what `multimaster_info` found, in. It does not matter which route counts today: the order of
+Pure: the networks of the plan, and the facts of `multimaster_info`, in. It does not matter which route counts today: the order of
 routes may be another one after the next boot, and then packets for that robot end at this computer. A wider network than the robot's
-is harmless where the plan has a route to the robot's: the narrower one counts, in whatever order.
+is harmless if the plan has a route to the robot's: the narrower one counts, in whatever order.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .._base.plain_text import quote
 from .._base.sentences import shorten_list
 from .model import ComputerPlan, RobotNetwork
 
-NAMED = 4  # overlaps of one computer that a sentence tells
+NAMED = 4  # overlaps of one computer that a sentence names
 MOST = 64  # that are kept
 
 #: the beginning of an interface's name -> where its network is changed
@@ -45,7 +45,7 @@ class Overlap(NamedTuple):
 
     @property
     def place(self) -> str:
-        """The place where its network is changed, as far as the name of the interface tells."""
+        """The place where its network is changed, as far as the name of the interface shows it."""
         return next((place for form, place in _PLACES if form.match(self.interface)), _ELSEWHERE)
 
 

@@ -45,7 +45,7 @@ def sync(fleet: Fleet, robot: Robot) -> Parameters:
 
 
 def relay(fleet: Fleet, robot: Robot) -> Parameters | None:
-    """Return the parameters of a robot's master_relay, None where no channel leads from or to it."""
+    """Return the parameters of a robot's master_relay, None if no channel leads from or to it."""
     robots = {other.name: other for other in fleet.robots}
     channels = [
         {
@@ -84,7 +84,7 @@ def add_members(parameters: Parameters, members: Sequence[Any]) -> Parameters:
     return {**parameters, "members": list(members)} if "strangers" in parameters else parameters
 
 
-# What all bundled nodes have
+# The parameters of all bundled nodes
 
 
 def writes_metrics(robot: Robot) -> bool:
@@ -93,7 +93,7 @@ def writes_metrics(robot: Robot) -> bool:
 
 
 def _share_parameters(fleet: Fleet, robot: Robot, service: str) -> dict[str, Any]:
-    """Return who is no stranger, and the output for people where it is not the default. The file is in memory, in the folder of the service."""
+    """Return who is no stranger, and the output for people if it is not the default. The file is in memory, in the folder of the service."""
     shared = fleet.variables
     parameters: dict[str, Any] = {"strangers": shared.strangers, "allow": [str(network) for network in shared.allow]}
     if shared.diagnostics == "none":
@@ -151,7 +151,7 @@ FREE_FILTERS = ("ignore_services", "ignore_subscribers")
 
 
 def is_restricted(fleet: Fleet, robot: Robot) -> bool:
-    """Return True if this robot exchanges no subscribers. A roscore would tell those of other robots of every publisher."""
+    """Return True if this robot exchanges no subscribers. A roscore would send every publisher to those of other robots."""
     return fleet.has_exports or any(
         patterns for name, patterns in robot.variables.filters.items() if name not in FREE_FILTERS
     )
@@ -189,7 +189,7 @@ def _make_sync(fleet: Fleet, robot: Robot) -> dict[str, Any]:
 
 
 def _leave_to_relay(parameters: dict[str, Any], fleet: Fleet, robot: Robot) -> None:
-    """Have ignored what the relay takes across, of each robot that gives everything, and relays where they are not known."""
+    """Add the topics that the relay takes across to the ignored ones, of each robot that gives everything, and the relays if they are not known."""
     if fleet.channels and robot.variables.provider in UPSTREAM:
         parameters.setdefault("ignore_nodes", []).append("/master_relay")
     for channel in fleet.channels:
@@ -329,7 +329,7 @@ def _list_hosts(bundled: Mapping[str, Any]) -> Filters:
 
 
 def _close_white_lists(rules: Mapping[str, Any], common: Mapping[str, list[str]]) -> Filters:
-    """Return the filters with closed white lists: beside a white list of any kind, an empty one of topics or services lets nothing pass."""
+    """Return the filters with closed white lists: with a white list of any kind, an empty one of topics or services lets nothing pass."""
     closed = {name: list(rules.get(name, ())) for name in UPSTREAM_FILTERS}
     if any(closed[name] or common.get(name) for name in WHITE_LISTS):
         for name in ("sync_topics", "sync_services"):
@@ -361,8 +361,8 @@ def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
     if fleet.variables.strangers == "ignore":
         yield (
             f"{host}: multimaster_strangers is 'ignore', but multimaster_provider is '{provider}', which exchanges with whoever is "
-            "heard; expected nodes that know who belongs to the fleet: keep strangers off the common network, or set "
-            "multimaster_provider to 'bundled'; set multimaster_strangers to 'allow' where strangers are wanted."
+            "heard; expected nodes that know the members of the fleet: keep strangers off the common network, or set "
+            "multimaster_provider to 'bundled'; set multimaster_strangers to 'allow' if strangers are wanted."
         )
     if robot.variables.metrics == "textfile":
         yield (
@@ -382,7 +382,7 @@ def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
     if len(robot.computers) > 1:
         others = ", ".join(computer.name for computer in robot.computers if computer != robot.master)
         yield (
-            f"{host}: multimaster_provider is '{provider}', which tells of the nodes on {others} as remote ones; expected the parameter "
+            f"{host}: multimaster_provider is '{provider}', which reports the nodes on {others} as remote ones; expected the parameter "
             "sync_remote_nodes on whoever takes them: the robots of the inventory have it, set it on any other, or set "
             "multimaster_provider to 'bundled'."
         )
@@ -395,11 +395,11 @@ def list_limits(fleet: Fleet, robot: Robot) -> Iterator[str]:
 
 
 def _explain_crossing(host: str, provider: str, entries: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield a sentence where parameters of others are for this robot."""
+    """Yield a sentence if parameters of other robots are for this robot."""
     crossing = [entry.get("as", "") + name for entry in entries for name in entry["names"]]
     if crossing:
         yield (
-            f"{host}: multimaster_exports of others has the parameters {shorten_list(crossing)} for this robot, but multimaster_provider is "
+            f"{host}: multimaster_exports of other robots has the parameters {shorten_list(crossing)} for this robot, but multimaster_provider is "
             f"'{provider}', which copies none; expected the bundled nodes: set them here by hand, or set multimaster_provider to 'bundled'."
         )
 
@@ -410,7 +410,7 @@ def _explain_exports(host: str, provider: str, exports: Sequence[ServedNames]) -
     names = [*topics, *dict.fromkeys(name for entry in some for name in entry["services"])]
     served = f"serves {shorten_list(names)} to every robot alike, and " if names else ""
     return (
-        f"{host}: multimaster_exports is declared, but multimaster_provider is '{provider}', which {served}hides what goes to nobody only "
-        "from robots that ask as master_sync does; expected a robot that knows who asks: rely on the filters of the other robots of "
-        "the inventory, which leave out what is not for them, or set multimaster_provider to 'bundled', which serves nothing else."
+        f"{host}: multimaster_exports is declared, but multimaster_provider is '{provider}', which {served}hides topics for nobody only "
+        "from robots that ask as master_sync does; expected a robot that knows the caller: rely on the filters of the other robots of "
+        "the inventory, which leave out the topics that are not for them, or set multimaster_provider to 'bundled', which serves nothing else."
     )

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The plan of a fleet: here alone its layout becomes the configuration of its computers."""
+"""The plan of a fleet: only here its layout becomes the configuration of its computers."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def fleet_plan(fleet: Fleet) -> model.FleetPlan:
     )
 
 
-# What all computers share
+# The common values of all computers
 
 
 def _make_master(fleet: Fleet, robot: Robot) -> model.Master:
@@ -118,11 +118,11 @@ def _listeners(members: Iterable[model.Member]) -> tuple[model.Listener, ...]:
     return tuple(sorted(listeners, key=lambda listener: not listener.multicast))
 
 
-# What one computer needs
+# The values of one computer
 
 
 def _plan_computer(fleet: Fleet, robot: Robot, computer: Computer) -> model.ComputerPlan:
-    """Return the plan of a computer: of a sealed one its addresses, and the routes that somebody else made there."""
+    """Return the plan of a computer: of a sealed one its addresses, and the user-managed routes there."""
     plan = model.ComputerPlan(
         computer=computer.name,
         robot=robot.name,
@@ -174,7 +174,7 @@ def _configure_computer(fleet: Fleet, robot: Robot, computer: Computer, plan: mo
 
 
 def _list_features(fleet: Fleet, robot: Robot, computer: Computer) -> dict[str, model.PlanPart]:
-    """Return what the optional features plan for a computer."""
+    """Return the plans of the optional features for a computer."""
     parts = {name: hooks.make_part(fleet, robot, computer) for name, hooks in load_hooks("plan", PlanHooks).items()}
     return {name: part for name, part in parts.items() if part is not None}
 
@@ -297,7 +297,7 @@ def _firewall(
 def _list_guards(fleet: Fleet, robot: Robot, computer: Computer) -> Iterator[model.PlannedGuard]:
     """Yield the networks whose addresses come in at one interface of the computer only.
 
-    The own network of a robot is at the interface there. What is in an overlay comes by it, and behind a gateway from the gateway.
+    The own network of a robot is at the interface there. Packets of an overlay come by it, and behind a gateway from the gateway.
     Without an overlay, the addresses of other robots are those of an ordinary network, which may lead to a computer in several ways.
     """
     own = (robot.network,) if robot.gateway else ()
@@ -348,7 +348,7 @@ NO_REDIRECTS = (
     model.Setting("net.ipv4.conf.{common}.send_redirects", "0"),  # preflight knows the interface
 )
 
-# A computer answers ARP for the addresses of its interfaces alone. In a foreign network another machine may have its planned
+# A computer answers ARP for the addresses only of its interfaces. In a foreign network another machine may have its planned
 # address (the unit multimaster-address; kernel: Documentation/networking/ip-sysctl, arp_ignore). 1, 2 and 8 answer less.
 NO_FOREIGN_ARP = model.Setting("net.ipv4.conf.all.arp_ignore", "3", enough=("1", "2", "8"))
 
@@ -385,5 +385,5 @@ def _services(
     connections = ("connections",) if robot.variables.provider == "bundled" else ()
     metrics = ("metrics",) if parameters.writes_metrics(robot) else ()
     crossing = ("relay",) if relay else ()
-    watchdog = ("watchdog",) if connections or crossing else ()  # our own programs alone give signs of life
+    watchdog = ("watchdog",) if connections or crossing else ()  # only our own programs give signs of life
     return (*first, *watchdog, *roscore, "discovery", *connections, "sync", *crossing, *metrics)

@@ -27,8 +27,8 @@ OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *uni
 # The bundled nodes need this Python (Noetic's), and so do the services on the system's Python.
 NODES_PYTHON = (3, 8)
 # The prefix length of an address on a point-to-point link, and the beginnings of IPv6 addresses that are more than link-local.
-ALONE, GLOBAL = 32, ("2", "3", "fc", "fd")
-# Services that may be left out: what is missing without them, and which of the two they need: CAP_NET_ADMIN, which systemd
+HOST_BITS, GLOBAL = 32, ("2", "3", "fc", "fd")
+# Services that may be left out: the function that is missing without them, and which of the two they need: CAP_NET_ADMIN, which systemd
 # lacks in some containers, and the system's Python.
 NEEDS = {
     "address": ("its own name leads nowhere while no interface has its address", True, False),
@@ -46,12 +46,12 @@ class MachineState:
     runs: tuple[str, ...] = ()  # a sentence for each other program on the ports of the plan
     noted: tuple[str, ...] = ()  # the other problems: sentences too
     overlaps: tuple[str, ...] = ()  # each interface that leads into another robot's network, in words
-    warned: tuple[str, ...] = ()  # what only deserves a word: sentences too
+    warned: tuple[str, ...] = ()  # sentences on small matters
     set_by: Mapping[str, str] = field(
         default_factory=dict
     )  # variable -> the line of a person that sets it to something else
     broken_ros: str = ""  # why nodes of the ROS that is installed cannot start; a sentence
-    # Of ROS, as our file would have it. Empty where that file is there.
+    # Of ROS, as our file would have it. Empty if that file is there.
     environment: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -82,7 +82,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
     limits, broken_ros = list(plan.limits), ""
     holders: list[Holder] = []
     if not plan.is_router:
-        if plan.shells != "none":  # else shells are somebody else's, whatever they have
+        if plan.shells != "none":  # else shells are user-managed, whatever they have
             warnings += [*_check_exports(plan, info), *_check_sshd(plan, info)]
         ros, chosen = list(_check_ros(plan, info)), info["ros"].get("chosen")
         if chosen and chosen["missing"] and chosen["python_version"]:
@@ -115,7 +115,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
 
 
 def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:
-    """Return the plan with what only the machine knows: interfaces, packages, and what an earlier plan left."""
+    """Return the plan with values that only the machine knows: interfaces, packages, and leftovers of an earlier plan."""
     common = interfaces.get(plan.common_address, "") if plan.common_address else ""
     sysctl = tuple(
         replace(setting, name=setting.name.replace("{common}", common.replace(".", "/"))) for setting in plan.sysctl
@@ -149,7 +149,7 @@ def _compare_features(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[list
 
 
 def _add_interfaces(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return what multimaster_info found, with the interfaces that optional features make, as they will be."""
+    """Return the facts of multimaster_info, with the interfaces that optional features make, as they will be."""
     there = [entry["name"] for entry in info["interfaces"]]
     planned = [
         {
@@ -167,7 +167,7 @@ def _add_interfaces(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str,
 
 
 def _fill_features(plan: ComputerPlan, info: Mapping[str, Any]) -> ComputerPlan:
-    """Return the plan with what only the machine knows of its optional features, and which of them are due."""
+    """Return the plan with the values that only the machine knows of its optional features, and the due ones of these."""
     known = load_hooks("plan", PlanHooks)
     return replace(
         plan,
@@ -190,7 +190,7 @@ def _mute_below(info: Mapping[str, Any], names: Collection[str]) -> Iterator[Set
 
 
 def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> str:
-    """Say what it takes to look at a machine. `failed` is the result of the module, `version` that of ansible-core.
+    """Name the needs of a look at a machine. `failed` is the result of the module, `version` that of ansible-core.
 
     If a module cannot start, the cause is in its last line.
     """
@@ -199,17 +199,17 @@ def explain_failure(computer: str, failed: Mapping[str, Any], version: str) -> s
     if last.startswith(f"{computer}: "):  # our own action refused the answer of the module
         return f"{computer}: {quote(last.partition(': ')[2], LINE)}"
     return (
-        f"{computer}: the machine could not be looked at ({quote(last, LINE)}); expected a user who may become root (--ask-become-pass where "
+        f"{computer}: the machine could not be looked at ({quote(last, LINE)}); expected a user who may become root (--ask-become-pass if "
         f"sudo takes a password), and Python 3.6 or later that ansible-core {version} can manage: compare the table in "
         "docs/start/machines.md, set ansible_python_interpreter, or use a later release of the system."
     )
 
 
 def explain_strange_answer(computer: str, problem: Exception) -> str:
-    """Say that an answer has the documented types, and still not what multimaster_info finds on a machine."""
+    """Say that an answer has the documented types, and still no facts of a machine."""
     found = f"no {quote(problem.args[0])}" if isinstance(problem, KeyError) and problem.args else quote(problem, LINE)
     return (
-        f"{computer}: what its machine has answered to multimaster_info cannot be compared with the plan: found {found}; expected what the "
+        f"{computer}: what its machine has answered to multimaster_info cannot be compared with the plan: found {found}; expected the facts that the "
         "documentation of this module says. Something else than the module answers there: look at this computer before you trust it."
     )
 
@@ -279,10 +279,10 @@ def _has_guards(plan: ComputerPlan) -> bool:
 
 
 def _describe_several(plan: ComputerPlan, names: Sequence[str], wanted: PlannedAddress) -> str:
-    """Say that several interfaces have an address of the plan, where a guard needs one."""
+    """Say that several interfaces have an address of the plan, if a guard needs one."""
     return (
-        f"{plan.computer}: {_variable(plan, wanted)} {wanted.address} is on {' and on '.join(map(quote, names))}; expected it on one interface alone, "
-        "since the packet filter takes what is for a network from its interface and drops it from each other one: take the address "
+        f"{plan.computer}: {_variable(plan, wanted)} {wanted.address} is on {' and on '.join(map(quote, names))}; expected it on only one interface, "
+        "since the packet filter takes packets for a network from its interface and drops it from each other one: take the address "
         "from the others."
     )
 
@@ -290,13 +290,13 @@ def _describe_several(plan: ComputerPlan, names: Sequence[str], wanted: PlannedA
 def _describe_absence(
     plan: ComputerPlan, places: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]], wanted: PlannedAddress
 ) -> str:
-    """Say that no interface has an address of the plan, and what the machine has instead."""
+    """Say that no interface has an address of the plan, and the addresses that the machine has instead."""
     outer = [(interface["name"], entry["address"]) for interface, entry in places if not interface["loopback"]]
     others = [f"{quote(address)} on {quote(name)}" for name, address in outer if ":" not in address]
     if not others and any(address.lower().startswith(GLOBAL) for _name, address in outer):
         return (
-            f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has addresses of IPv6 alone; expected an IPv4 "
-            "address, since the nodes of ROS 1 are reached by IPv4 alone here: give it one, as by a VPN that has IPv4 (WireGuard, Tailscale)."
+            f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has only addresses of IPv6; expected an IPv4 "
+            "address, since the nodes of ROS 1 are reached only by IPv4 here: give it one, as by a VPN that has IPv4 (WireGuard, Tailscale)."
         )
     return (
         f"{plan.computer}: {_variable(plan, wanted)} is {wanted.address}, but the machine has {', '.join(others) or 'no address'}; expected that address "
@@ -319,7 +319,7 @@ def _check_interface(
     elif interface.get("port_of"):
         above = quote(interface["port_of"])
         yield (
-            f"{plan.computer}: the interface {place} is a port of {above}; expected the address on {above} itself, since what comes in at a "
+            f"{plan.computer}: the interface {place} is a port of {above}; expected the address on {above} itself, since a packet that comes in at a "
             "port belongs to the interface above it: give the address to that one, with the routes, or take the port out."
         )
     elif interface["loopback"]:
@@ -333,7 +333,7 @@ def _check_interface(
             f"{plan.computer}: the interface {place} does not do multicast; expected the flag MULTICAST: "
             f"set it{multicast}, or set multimaster_transport to unicast."
         )
-    elif prefix == ALONE and interface.get("point_to_point"):
+    elif prefix == HOST_BITS and interface.get("point_to_point"):
         # No network, but a route to each of the others: the shape of Tailscale. Nothing on it is for a group.
         if sends:
             yield (
@@ -383,7 +383,7 @@ def _find_machine_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Itera
             yield (
                 f"{plan.computer}: multimaster_routes is 'existing', but towards {route.destination} there is no route by "
                 f"{' or '.join(gateways)} (found: {state}); expected one, since without a route back nothing is answered: add it, "
-                "name the router in multimaster_router where it leads there, or set multimaster_routes to 'default' or 'networks'."
+                "name the router in multimaster_router if it leads there, or set multimaster_routes to 'default' or 'networks'."
             )
 
 
@@ -430,7 +430,7 @@ def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
         if not roscore:
             return [
                 f"{host}: the ROS of {where} has no roscore; expected it, since multimaster_roscore is 'managed': install it, or set "
-                "multimaster_roscore to 'existing' where something else starts a roscore."
+                "multimaster_roscore to 'existing' if something else starts a roscore."
             ]
     programs = [chosen["python"], chosen["commands"].get("roscore") if plan.roscore == "managed" else ""]
     problems = list(providers.check_paths(plan, filter(None, programs))) if plan.is_master else []
@@ -445,10 +445,10 @@ def _check_ros(plan: ComputerPlan, info: Mapping[str, Any]) -> list[str]:
 
 
 def _explain_containers(plan: ComputerPlan, ros: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for a robot whose ROS may be in a container alone: its roscore is another's, and its computer has no ROS."""
+    """Yield a sentence for a robot whose ROS may be only in a container: its roscore is user-managed, and its computer has no ROS."""
     if plan.is_master and plan.roscore == "existing" and not ros.get("found"):
         yield (
-            f"{plan.computer}: its roscore is another's (multimaster_roscore is 'existing'), and may be in a container; expected rospy beside "
+            f"{plan.computer}: its roscore is user-managed (multimaster_roscore is 'existing'), and may be in a container; expected rospy outside of "
             "it, on the computer itself, since the nodes of the collection run there: install it "
             "(apt-get install python3-rospy python3-std-srvs python3-rostopic python3-rosservice), as docs/start/containers.md says."
         )
@@ -484,7 +484,7 @@ def _describe_holders(plan: ComputerPlan, holders: Sequence[Holder]) -> tuple[st
     for port, use, process in holders:
         ports.setdefault((process, use), []).append(port)
     return tuple(
-        f"{plan.computer}: {' and '.join(titles)}: {process}, where the plan has multimaster-{use}.service."
+        f"{plan.computer}: {' and '.join(titles)}: {process}, but the plan has multimaster-{use}.service."
         for (process, use), titles in ports.items()
     )
 
@@ -541,7 +541,7 @@ def _list_lines(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str
 
 
 def _describe_export(export: Mapping[str, Any]) -> str:
-    """Say which line sets a variable, and what the shell that was asked makes of it."""
+    """Name the line that sets a variable, and the value in the shell that was asked."""
     variable, person = quote(export["variable"]), export.get("person", "")
     has = (
         f"the {quote(export.get('shell', ''))} shell of {quote(person)} has {variable}={quote(export['value'])}"

@@ -24,7 +24,7 @@ MODULES = ("master_discovery", "master_sync")
 
 @dataclass(frozen=True)
 class Release:
-    """The ROS packages of a release, and what it needs beside ROS."""
+    """The ROS packages of a release, and the packages that it needs besides ROS."""
 
     discovery: str
     sync: str
@@ -32,9 +32,9 @@ class Release:
     hides: bool  # master_discovery has hide_nodes, hide_topics and hide_services
     executables: tuple[str, str] = MODULES
     needs: tuple[str, ...] = ()  # Python modules that are looked for before its own, which end without them
-    packages: str = ""  # what has these modules
+    packages: str = ""  # the packages with these modules
     programs: tuple[str, ...] = ()
-    environment: Mapping[str, str] = field(default_factory=dict)  # where the ROS does not set it
+    environment: Mapping[str, str] = field(default_factory=dict)  # if the ROS does not set it
 
 
 OLD = Release("master_discovery_fkie", "master_sync_fkie", "multimaster_msgs_fkie", hides=False)

@@ -21,7 +21,7 @@ class Unquotable(ValueError):
 def escape_text(value: str) -> str:
     """Return a value for a setting with one text, such as Description=, or for a comment (systemd.unit(5), Specifiers)."""
     if not value.isprintable():  # control characters, and bytes that were no UTF-8
-        raise Unquotable(f"{value!r} is to stand in a unit of systemd; expected printable characters on one line.")
+        raise Unquotable(f"{value!r} is to be in a unit of systemd; expected printable characters on one line.")
     return value.replace("%", "%%")
 
 

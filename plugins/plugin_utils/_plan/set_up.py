@@ -15,7 +15,7 @@ from .environment import OF_PERSONS
 def list_warnings(host: str, chosen: Mapping[str, Any], shells: str = "all") -> Iterator[str]:
     """Yield a sentence for each thing that root, other users or all users do not get. `chosen` is the ROS of the machine.
 
-    `shells`: what they are to get; who is to get less misses nothing.
+    `shells`: the variables that they are to get; those who are to get less miss nothing.
     """
     setup, person, doubt = quote(chosen["setup"]), quote(chosen.get("person", "*")), quote(chosen.get("doubt", ""))
     variables = chosen.get("environment", {})
@@ -28,26 +28,26 @@ def list_warnings(host: str, chosen: Mapping[str, Any], shells: str = "all") -> 
         others = (
             f"the services and the user {person} get them; root and other users get {rest}"
             if person
-            else f"the services get them; root and all users get {rest}, and source the file themselves where they need it"
+            else f"the services get them; root and all users get {rest}, and source the file themselves if they need it"
         )
         yield (
-            f"{host}: root gets no variables of the set-up file {setup}, since {doubt}; expected files and folders that root alone can "
-            f"change: {others}. Install the workspace as root (for example to /opt) where root or all users need it."
+            f"{host}: root gets no variables of the set-up file {setup}, since {doubt}; expected files and folders that only root can "
+            f"change: {others}. Install the workspace as root (for example to /opt) if root or all users need it."
         )
     elif withheld:
         yield (
             f"{host}: the set-up file {setup} sets {', '.join(map(quote, sorted(withheld)))}, which root does not get; expected "
-            "variables of ROS, with paths that root alone can change: set others in root's own profile, if root needs them."
+            "variables of ROS, with paths that only root can change: set others in root's own profile, if root needs them."
         )
     if chosen.get("hooks_doubt") and shells != "none":
         yield (
-            f"{host}: no hook of catkin is written {quote(chosen['hooks_doubt'])}; expected a folder that root alone can change: a shell that "
+            f"{host}: no hook of catkin is written {quote(chosen['hooks_doubt'])}; expected a folder that only root can change: a shell that "
             "reads no profile (zsh, cron) and sources this set-up file has no ROS_MASTER_URI of the fleet: set it there."
         )
     if chosen.get("left_out"):  # services do not get them either
         yield (
             f"{host}: the set-up file {setup} sets {', '.join(map(quote, chosen['left_out']))}, which nobody gets; expected variables of ROS, and "
-            'absolute folders without ; $ " and \\ in lists: set what makes programs run other code than their own where it is needed, and there alone.'
+            'absolute folders without ; $ " and \\ in lists: set variables that make programs run foreign code only for the programs that need them.'
         )
     if moved := [name for name in OF_PERSONS if name in variables]:
         yield (

@@ -18,7 +18,7 @@ from . import quotes
 from .hooks import UnitHooks
 from .model import UnitLines
 
-# Where the roles install.
+# The folders in which the roles install.
 LIBRARY = "/usr/local/lib/rosfleet-multimaster"
 CONFIGURATION = "/etc/rosfleet-multimaster"
 # The nodes of upstream run under the Python of their ROS. Our helper runs under the system's, which Ansible needs too.
@@ -43,7 +43,7 @@ WantedBy=multi-user.target
 
 # The sandbox of every unit. docs/operate/security.md has the ratings, and tests/evidence/security.md the reasons for missing directives.
 _SANDBOX = """\
-# It gains no rights, sees no processes of others, and sets nothing of the kernel's. The system is read-only for it.
+# It gains no rights, sees no foreign processes, and sets nothing of the kernel's. The system is read-only for it.
 NoNewPrivileges=yes
 ProtectSystem=strict
 PrivateTmp=yes
@@ -75,7 +75,7 @@ _NOTIFY = f"""\
 Type=notify
 NotifyAccess=main
 # Its loop gives signs of life. multimaster-watchdog.service ends it if it hangs, and not if it waits for a processor. systemd
-# cannot tell the two apart: this is for the case that nobody else judges.
+# cannot distinguish the two: this limit is for a hang that no other program sees.
 WatchdogSec=30min
 # The processor may be busy.
 TimeoutStartSec={START}"""
@@ -129,7 +129,7 @@ DynamicUser=yes
 CapabilityBoundingSet=
 # Workspaces of users are read there.
 ProtectHome=read-only
-# Netlink tells the addresses of this computer.
+# Netlink lists the addresses of this computer.
 RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
 {sandbox}"""
 _ROSCORE = """\
@@ -151,9 +151,9 @@ TasksMax=2048"""
 # The roscore of ROS itself.
 _PLAIN_ROSCORE = """\
 # More workers than three, and a timeout: unreachable subscribers of other robots must not block the robot's own nodes.
-# What rosmaster and rosout print may be a stranger's text: each line of it is plain, and begins with a word of ours.
+# The output of rosmaster and rosout may be a stranger's text: each line of it is plain, and begins with a word of ours.
 ExecStart={run_plain} {command} -p {port} -w 16 -t 3
-# Started means that it answers, so what is ordered after it finds it. A busy processor costs no roscore.
+# Started means that it answers, so units that are ordered after it find it. A busy processor costs no roscore.
 ExecStartPost={wait} --timeout {start}
 TimeoutStartSec=infinity"""
 _NODE = """\
@@ -190,7 +190,7 @@ OTHERS = (*OF_FEATURES, "address", "watchdog", "roscore", "connections", "metric
 _CODE = f"{LIBRARY}/python/rosfleet_multimaster"
 _MESSAGES = (f"{LIBRARY}/python/fkie_multimaster_msgs", f"{LIBRARY}/share")
 
-#: service -> the files and folders of the nodes that it reads, beside those of which no service is said here: all read these
+#: service -> the files and folders of the nodes that it reads, besides those that no service here names: all read these
 READS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(OF_FEATURES, ()),
     "address": (),
@@ -236,9 +236,9 @@ def render_services(
 ) -> list[Unit]:
     """The units of a computer's services (OTHERS and the keys of NODES), in the order of `names`.
 
-    `files`: those of the nodes, code and parameters, path -> digest. A service restarts where one of its inputs changes: the
-    environment, where it has one, and the files that it reads. The bundled roscore remembers, so a restart costs nothing. If
-    the roscore of ROS restarts, every node loses its registration, so that one depends on the environment alone.
+    `files`: those of the nodes, code and parameters, path -> digest. A service restarts if one of its inputs changes: the
+    environment, if it has one, and the files that it reads. The bundled roscore remembers, so a restart costs nothing. If
+    the roscore of ROS restarts, every node loses its registration, so that one depends only on the environment.
     `digests`: those of further inputs, as of optional features, by the service that depends on them.
     """
     units = []
@@ -271,7 +271,7 @@ def render_services(
 
 
 def complete(template: str, inputs: str, **values: object) -> str:
-    """The text of a unit: what it is, the part of a service of ROS, the sandbox, and its start at boot."""
+    """The text of a unit: its title, the part of a service of ROS, the sandbox, and its start at boot."""
     shared = {"inputs": inputs, "configuration": CONFIGURATION, "sandbox": _SANDBOX, "notify": _NOTIFY}
     return (template + _INSTALL).format(**shared, **values, service=_SERVICE.format(**shared))
 
@@ -289,7 +289,7 @@ def _roscore_lines(command: str, port: int, programs: Mapping[str, UnitLines]) -
 
 
 def _isolate(program: str) -> str:
-    """The command of a program on the system's Python, without the user's environment (-I), with root's files alone."""
+    """The command of a program on the system's Python, without the user's environment (-I), with only root's files."""
     return (
         f'{SYSTEM_PYTHON} -I -B -c \'import sys; sys.path.insert(0, "{LIBRARY}/python"); '
         f"from rosfleet_multimaster.{program} import main; main(*sys.argv[1:])'"
@@ -326,7 +326,7 @@ MemoryMax=128M
 TasksMax=16
 {sandbox}"""
 
-# The metrics, where node_exporter reads them
+# The metrics, in the folder that node_exporter reads
 
 _METRICS = """\
 # Managed by rosfleet.multimaster: the metrics of the nodes for node_exporter, of the robot {robot}
@@ -344,7 +344,7 @@ ExecStart={publish} {folder}
 Restart=always
 RestartSec=10
 # Root, since the folder is root's or node_exporter's, and nodes that talk with strangers must not write there. But of root
-# it has only the right to write where others own the files, and that one folder.
+# it has only the right to write to files of other owners, and that one folder.
 CapabilityBoundingSet=CAP_DAC_OVERRIDE
 ReadWritePaths={folder}
 ProtectHome=yes
@@ -383,7 +383,7 @@ TasksMax=8
 # It reads how long the threads of services have waited for a processor.
 ProtectProc=default"""
 
-# What differs by provider
+# Differences by provider
 
 _PART_OF = (
     "# Its nodes do not register again with a roscore that was started again.\nPartOf=multimaster-roscore.service"
@@ -400,15 +400,15 @@ _NOTIFYING = """\
 {notify}
 ExecStart={python} -m rosfleet_multimaster.{node} --parameters {configuration}/{node}.json"""
 _REMEMBERING = """\
-# rosmaster with a memory: docs/roscore.md. Started means that it answers, with what it knew.
+# rosmaster with a memory: docs/understand/roscore.md. Started means that it answers, with its former state.
 {notify}
-# It counts callers by robot, and reads the robots of the fleet again where the file changes. %E is /etc: the collection restarts a
-# unit where a file changes that the unit names by /etc.
+# It counts callers by robot, and reads the robots of the fleet again if the file changes. %E is /etc: the collection restarts a
+# unit if a file changes that the unit names by /etc.
 ExecStart={python} -m rosfleet_multimaster.roscore --port {port} --members %E/rosfleet-multimaster/master_discovery.json
 StateDirectory=%N
 # systemd holds its socket while it is started again, so calls wait and do not fail.
 FileDescriptorStoreMax=1
-# It ends rosout itself. Where it was killed, rosout is too: it would wait for the answer to its farewell.
+# It ends rosout itself. If it was killed, rosout is too: it would wait for the answer to its farewell.
 KillMode=mixed"""
 _WATCHED = """\
 {environment}Environment=ROS_PYTHON_LOG_CONFIG_FILE={library}/python/rosfleet_multimaster/logging.conf
@@ -418,7 +418,7 @@ ExecStart={python} {path} __name:={node}
 ExecStartPost={wait} --timeout {start} --service /{node}/{service}
 TimeoutStartSec=infinity
 RestartSec=1"""
-# 1000 connections of others, 320 for XML-RPC, two for each of 200 calls, and 300 to each of the other relays.
+# 1000 incoming connections, 320 for XML-RPC, two for each of 200 calls, and 300 to each of the other relays.
 _RELAY = UnitLines("", f"LimitNOFILE=16384\n{_NOTIFYING}")
 _UPSTREAM = {"discovery": UnitLines(_PART_OF, _WATCHED), "sync": UnitLines(_PART_OF, _WATCHED), "relay": _RELAY}
 
@@ -446,7 +446,7 @@ def render_programs(
 ) -> dict[str, UnitLines]:
     """The lines that differ, by node. `paths` are upstream's executables, by node. `port` is that of the roscore.
 
-    `environment` is what upstream's nodes need where the file with the environment has no other value (systemd.exec(5)).
+    `environment` is the variables that upstream's nodes need if the file with the environment has no other value (systemd.exec(5)).
     """
     lines = {}
     variables = " ".join(f"{name}={value}" for name, value in (environment or {}).items())

@@ -28,7 +28,7 @@ CONNECTIONS, LARGE = "connections of nodes", "large packets"
 REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
 TRANSLATED = "translated"
 FULL = 1500  # bytes of a large packet
-NODES = 45000  # stands for the ports of nodes, which the kernel chooses above 32768
+NODES = 45000  # an example of the ports of nodes, which the kernel chooses above 32768
 WIDTH = 120
 MATRIX = 16  # computers: a larger matrix is not printed
 ALL = 30  # computers of which all pairs are tried
@@ -55,7 +55,7 @@ def _beat(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
 
 
 def _call_relay(fleet: FleetPlan, one: Member, other: Member) -> Packet | None:
-    """Make a packet to the relay that a relay asks, where a topic or service crosses by both."""
+    """Make a packet to the relay that a relay asks, if a topic or service crosses by both."""
     own, its = (fleet.computers[member.name].relay for member in (one, other))
     if own is None or its is None or other.robot not in {channel["peer"] for channel in own["channels"]}:
         return None
@@ -106,7 +106,7 @@ class Pair(NamedTuple):
     target: str
     now: str
     after: str
-    end: End | None = None  # after site.yml: where it fails, or is translated
+    end: End | None = None  # after site.yml: if it fails, or is translated
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def choose_ways(members: Sequence[Member]) -> Iterator[tuple[Member, Member, Seq
     if len(members) <= ALL:
         yield from ((one, other, TRAFFIC) for one in members for other in members if one != other)
         return
-    last = {member.robot: member for member in members}  # of its robot: behind the gateway, where there is one
+    last = {member.robot: member for member in members}  # of its robot: behind the gateway, if there is one
     robots = list(last)
     following = dict(zip(robots, robots[1:] + robots[:1], strict=True))
     whole: dict[tuple[str, str], tuple[Member, Member]] = {}
@@ -205,22 +205,22 @@ def _outcome(
     if failure is None:
         failure = replace(way.there, outcome=packets.ELSEWHERE)
     if failure.outcome == packets.TOO_LARGE and (_is_reported(world, failure) or failure.where in (start, target)):
-        return REACHES, None  # TCP learns what fits: on the way by ICMP, and from the other end when it begins
+        return REACHES, None  # TCP learns the size that fits: on the way by ICMP, and from the other end when it begins
     end = _end(fleet, failure, traffic)
     unsure = failure.outcome in (packets.FILTERED, packets.REJECTED) and world.machines[failure.where].unclear
     return (UNSURE if unsure else FAILS), end
 
 
 def _is_reported(world: World, way: Trace) -> bool:
-    """Tell if a machine on the way reports to the sender that a packet is too large."""
+    """Return True if a machine on the way reports to the sender that a packet is too large."""
     return way.where == way.by and way.where in world.machines
 
 
 def _end(fleet: FleetPlan, way: Trace, traffic: Traffic) -> End:
-    alone = way.outcome in (packets.FILTERED, packets.REJECTED, packets.TOO_LARGE)
+    precise = way.outcome in (packets.FILTERED, packets.REJECTED, packets.TOO_LARGE)
     hop = way.hops[-1].to if way.hops and way.outcome == packets.NOBODY else None
     return End(
-        way.outcome, way.where, _network(fleet, way.packet.destination), str(hop or ""), traffic.name if alone else ""
+        way.outcome, way.where, _network(fleet, way.packet.destination), str(hop or ""), traffic.name if precise else ""
     )
 
 
@@ -233,7 +233,7 @@ def _network(fleet: FleetPlan, address: IPv4Address) -> str:
 
 
 def write_sentence(end: End, pairs: Sequence[Pair]) -> str:
-    """Return one sentence: where packets would end, the ways that fail, and what to do."""
+    """Return one sentence: the place where packets would end, the ways that fail, and the remedy."""
     what, remedy = _describe(end, "it"), write_advices(list_remedies(end))
     effect = "would not work; expected a way there and back"
     if all(pair.after == REACHES for pair in pairs):
@@ -242,13 +242,13 @@ def write_sentence(end: End, pairs: Sequence[Pair]) -> str:
 
 
 def _describe(end: End, place: str = "") -> str:
-    """Say what happens at a place."""
+    """Return the sentence on a place."""
     words = {"hop": end.hop, "traffic": end.traffic}
     return end.fault.sentence.format(place=place or end.where, what=end.network, **words)
 
 
 def list_remedies(end: End) -> Advices:
-    """Say what to do at a place, then what to look at."""
+    """Return the remedy at a place, then the commands to look with."""
     return end.fault.fill((*end.fault.do, *end.fault.look), (end.where,), "")
 
 

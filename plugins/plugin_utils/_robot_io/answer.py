@@ -39,7 +39,7 @@ Result = dict[str, Any]
 
 
 class StrangeAnswer(ValueError):
-    """The text is no answer of the module. The message is a part of a sentence: what was found."""
+    """The text is no answer of the module. The message is a part of a sentence: the found value."""
 
 
 class CheckedAnswer(NamedTuple):
@@ -142,7 +142,7 @@ def _parse_number(digits: str) -> float:
     number = float(digits) if len(digits) <= LINE else math.inf
     if not math.isfinite(number):
         raise StrangeAnswer(f"{quote(digits, NAME)}, which is no finite number")
-    if abs(number) >= 10**DIGITS:  # what others compute of it could be infinite, and would cost all their report
+    if abs(number) >= 10**DIGITS:  # results with it could be infinite, and would cost the whole report
         raise StrangeAnswer(f"a number of more than {DIGITS} digits")
     return number
 
@@ -171,7 +171,7 @@ class _AnswerReader:
         if data is None:
             return None
         if kind.type != "raw" and not _fits(kind.type, data):
-            raise StrangeAnswer(f"{_word(data)} at {place}, where the module answers {_KINDS[kind.type][0]}")
+            raise StrangeAnswer(f"{_word(data)} at {place}; the module answers {_KINDS[kind.type][0]}")
         if isinstance(data, str):
             return self._clean(data, VALUE)
         if isinstance(data, list):

@@ -32,9 +32,9 @@ class UnknownTag(ValueError):
 def choose_concerns(
     options: Mapping[str, Any], run_tags: Iterable[str], skip_tags: Iterable[str], own_tags: Iterable[str]
 ) -> dict[str, Any]:
-    """Return the options of those concerns that the tags of the run name; all, where they name none.
+    """Return the options of those concerns that the tags of the run name; all, if they name none.
 
-    `own_tags` are those of the task, which somebody else's playbook may have given it. Raises UnknownTag.
+    `own_tags` are those of the task, which a foreign playbook may have given it. Raises UnknownTag.
     """
     wanted, unwanted = set(run_tags) - WORDS - set(own_tags), set(skip_tags) & set(CONCERNS)
     unknown = sorted(wanted - set(CONCERNS))
@@ -50,7 +50,7 @@ def choose_concerns(
 
 
 def _keep(name: str, value: Any, kept: set[tuple[str, str]]) -> Any:
-    """Return an option, or those of its bundles that are kept; nothing where it is of another concern."""
+    """Return an option, or those of its bundles that are kept; nothing if it is of another concern."""
     if (name, "") in kept:
         return value
     return [bundle for bundle in value if (name, bundle["bundle"]) in kept] if isinstance(value, list) else None

@@ -37,7 +37,7 @@ Result = dict[str, Any]  # of a module
 
 
 class GuardedAction(RobotAction):
-    """Runs the module of its own name: once where nothing changes at run time, else a second time to confirm."""
+    """Runs the module of its own name: once if nothing changes at run time, else a second time to confirm."""
 
     what = "settings"  # the concern in a sentence, in the plural
 
@@ -57,13 +57,13 @@ class GuardedAction(RobotAction):
 
     @property
     def cannot_be_cut(self) -> bool:
-        """True where nothing changes, or no connection can be cut."""
+        """True if nothing changes, or no connection can be cut."""
         return bool(self._task.check_mode or self._connection.transport == "local")
 
     def _run_second(
         self, args: Mapping[str, Any], seconds: int, reason: str, task_vars: dict[str, Any], more: float = 0.0
     ) -> Result:
-        """Return the result of the run that confirms, over a new connection. It has `more` seconds beside those of the switch."""
+        """Return the result of the run that confirms, over a new connection. It has `more` seconds besides those of the switch."""
         last = time.monotonic() + seconds + GRACE
         while True:
             try:
@@ -86,7 +86,7 @@ class GuardedAction(RobotAction):
     def _run_first(
         self, args: Mapping[str, Any], seconds: int, task_vars: dict[str, Any], more: float = 0.0
     ) -> tuple[Result, str]:
-        """Return the result of the first run, or an empty result and the reason. The run has `more` seconds beside those of the switch."""
+        """Return the result of the first run, or an empty result and the reason. The run has `more` seconds besides those of the switch."""
         last = time.monotonic() + seconds + GRACE
         while True:
             try:
@@ -121,7 +121,7 @@ class GuardedAction(RobotAction):
 
 
 def wait_of(first: Result, seconds: int) -> int:
-    """Return for how many seconds the machine waits for its confirmation: longer than it was told, where it is slow."""
+    """Return for how many seconds the machine waits for its confirmation: longer than the given time, if it is slow."""
     return min(max(seconds, seconds_of(first.get("confirm_within"))), max(seconds, LONGEST))
 
 
@@ -138,7 +138,7 @@ def _line(problem: Exception) -> str:
 
 
 def _merge(first: Result, second: Result) -> Result:
-    """Merge two results: the first says what changed, the second that it was confirmed."""
+    """Merge two results: the first has the changes, the second their confirmation."""
     if second.get("failed") or not first:
         return second
     return {**first, "unconfirmed": False, "confirmed": True}

@@ -41,7 +41,7 @@ DIFFERENCES = ValueType("list", each=DIFFERENCE)
 
 #: the keys of Ansible's own part of a module
 COMMON: Mapping[str, ValueType] = {**dict.fromkeys(("changed", "failed", "skipped"), YES_NO), "msg": TEXT}
-#: module -> key of its answer that another module documents -> that module, and the key there (all of its keys where it is empty)
+#: module -> key of its answer that another module documents -> that module, and the key there (all of its keys if it is empty)
 ELSEWHERE: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "multimaster_verify": {"machine": ("multimaster_info", ""), "multicast": ("multicast_verify", "")},
     "multimaster_computer": {"shells": ("multimaster_info", "environment")},

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Tasks that may refuse: the actions of the controller alone, and problems as the result of a task."""
+"""Tasks that may refuse: the actions that run only on the controller, and problems as the result of a task."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Refusal(Exception):
 
 
 class FleetAction(ActionBase):  # type: ignore[misc]  # ansible-core has no types
-    """Needs no connection: options and what computers have registered in, an answer out."""
+    """Needs no connection: options and the registered results of computers in, an answer out."""
 
     _requires_connection = False
 

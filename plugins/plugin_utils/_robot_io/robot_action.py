@@ -139,7 +139,7 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
 
     def _explain_strange_answer(self, content: str) -> str:
         return (
-            f"{self._robot}: the answer to {self._task.action} is none of this module: found {content}; expected what its "
+            f"{self._robot}: the answer to {self._task.action} is none of this module: found {content}; expected the answer that its "
             "documentation says. Something else than the module answers there: look at this computer before you trust it."
         )
 
@@ -175,7 +175,7 @@ def limit_run(seconds: float, memory: int) -> Iterator[None]:
 def limit_time(seconds: float) -> Iterator[None]:
     """Raise AnsibleConnectionFailure after this time. Without an answer, ssh waits as long as TCP does, for hours.
 
-    The `timeout` of a task uses the same alarm. Where it is set, it limits the time already.
+    The `timeout` of a task uses the same alarm. If it is set, it limits the time already.
     """
 
     def ring(number: int, frame: FrameType | None) -> None:

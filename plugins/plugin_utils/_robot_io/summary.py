@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The summary of a run, by computer: what changed there. Pure, and without a word of any robot."""
+"""The summary of a run, by computer: the changes there. Pure, and without a word of any robot."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def summarize(results: Mapping[str, Sequence[Result]], check: bool, lost: Collec
     """Return a line for the fleet and one for each computer that changed or failed; `results` by the computer's name.
 
     For example "kobuki: kernel settings, files" for two concerns that changed there, and behind a semicolon the services that were
-    restarted, each with what changed for it. The `lost` computers are no more in the run: those without a failure among their results
+    restarted, each with its changes. The `lost` computers are no more in the run: those without a failure among their results
     were refused before.
     """
     refused = {computer for computer in lost if not any(map(is_failure, results.get(computer, ())))}
     lines = {
         computer: REFUSED
         if computer in refused
-        else "; ".join(filter(None, (describe(tasks), *_tell_restarts(tasks, check))))
+        else "; ".join(filter(None, (describe(tasks), *_describe_restarts(tasks, check))))
         for computer, tasks in results.items()
     }
     notes = [f"  {computer}: {line}" for computer, line in lines.items() if line]
@@ -52,13 +52,13 @@ def summarize(results: Mapping[str, Sequence[Result]], check: bool, lost: Collec
 
 
 def describe(results: Sequence[Result]) -> str:
-    """Return in words what changed on one computer, and if it failed; empty for no change."""
+    """Describe the changes on one computer, and if it failed; empty for no change."""
     changed = [word for concern, word in CONCERNS.items() if any(has_changed(result, concern) for result in results)]
     failed = ["FAILED"] if any(is_failure(result) for result in results) else []
     return ", ".join(changed + failed)
 
 
-def _tell_restarts(results: Sequence[Result], check: bool) -> Iterator[str]:
+def _describe_restarts(results: Sequence[Result], check: bool) -> Iterator[str]:
     """Yield which services restart, for each reason."""
     written = {
         file["path"]
@@ -82,7 +82,7 @@ def _tell_restarts(results: Sequence[Result], check: bool) -> Iterator[str]:
 
 
 def _find_reason(service: str, written: Collection[str]) -> str:
-    """Return what changed for a service, in words of ours."""
+    """Return the changes for a service, in words of ours."""
     own = [path for path in written if service in READS and reads(service, path)]
     if any(path.startswith(f"{CONFIGURATION}/master_") for path in own):
         return "its parameters change"
@@ -94,7 +94,7 @@ def _find_reason(service: str, written: Collection[str]) -> str:
 
 
 def _list_runs(results: Sequence[Result], concern: str) -> Iterator[Result]:
-    """Yield what a concern returned in each of its runs. All of it is the robot's answer."""
+    """Yield the results of a concern in each of its runs. All of it is the robot's answer."""
     for result in results:
         concerns = result.get("concerns")
         runs = concerns.get(concern) if isinstance(concerns, Mapping) else None
@@ -107,7 +107,7 @@ def _list_records(run: Result, key: str) -> Iterator[Result]:
 
 
 def has_changed(result: Result, concern: str) -> bool:
-    """Tell if a run of `multimaster_computer` changed this concern."""
+    """Return True if a run of `multimaster_computer` changed this concern."""
     concerns = result.get("concerns")
     entries = concerns.get(concern) if isinstance(concerns, Mapping) else None
     return isinstance(entries, Sequence) and any(
@@ -116,5 +116,5 @@ def has_changed(result: Result, concern: str) -> bool:
 
 
 def is_failure(result: Result) -> bool:
-    """Tell if a task failed on the computer, or did not reach it."""
+    """Return True if a task failed on the computer, or did not reach it."""
     return bool(result.get("failed") or result.get("unreachable"))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The robots' answers to findings, and what people are shown of them."""
+"""The robots' answers to findings, and their form for people."""
 
 __all__ = (
     "checks",

@@ -9,7 +9,7 @@ import contextlib
 import json
 import time
 
-from setups.links import cut, mend, wait_until
+from setups.links import cut, repair, wait_until
 from subject import NODES, Lab
 from systems import ADDRESSES, GIVER, HERE, TAKER, System, take
 
@@ -71,7 +71,7 @@ def losses(lab: Lab, repetitions: int) -> dict[str, list[float]]:
         wait_until(lambda: "ticks" not in held(lab), 400, "the other robot is gone")
         gone.append(time.monotonic() - began)
         time.sleep(2)
-        ended = mend(lab, GIVER)
+        ended = repair(lab, GIVER)
         wait_until(lambda ended=ended: heard() > ended, 400, "messages again")
         back.append(first_after(lab, ended) - ended)
     lab.stop(GIVER, "ticks")

@@ -18,7 +18,7 @@ from ..transaction import lock
 from ..transaction.module import Concern, Fields, run_locked
 from .concerns import Options
 
-_SHELLS_LIMIT = 20.0  # seconds until shells have said what they see
+_SHELLS_LIMIT = 20.0  # seconds until shells have given their variables
 SHELLS = dict(
     variables=dict(type="dict", default={}),
     before=dict(type="dict", default={}),
@@ -30,10 +30,10 @@ SHELLS = dict(
 
 
 class ConcernModule:
-    """Stands for the AnsibleModule of one concern."""
+    """A replacement for the AnsibleModule of one concern."""
 
     def __init__(self, module: typing.Any, concern: Concern, options: Options) -> None:
-        """Read the options. Raises Problem where they are wrong."""
+        """Read the options. Raises Problem if they are wrong."""
         self.concern = concern
         self.params = validate_options(concern.name, options, concern.specification)
         self.check_mode, self._diff, self.warn = module.check_mode, module._diff, module.warn
@@ -46,7 +46,7 @@ def carry_out(
     requests: typing.Sequence[typing.Tuple[Concern, Options]],
     read_back: bool = False,
 ) -> None:
-    """Carry out all concerns in their order, read what shells see then where that is asked for, and end the module."""
+    """Carry out all concerns in their order, read the values in shells if that is asked for, and end the module."""
     try:
         parts = [ConcernModule(module, concern, options) for concern, options in requests]
     except Problem as problem:
@@ -100,7 +100,7 @@ def _end(
     differences: typing.List[typing.Any],
     reading: Fields,
 ) -> None:
-    """End the module with the results of all concerns that were begun, and with what shells see then."""
+    """End the module with the results of all concerns that were begun, and with the variables of shells then."""
     last = results[-1][1] if results else {}
     groups: typing.Dict[str, typing.List[Fields]] = {}
     for name, result in results:

@@ -4,7 +4,7 @@
 """The access that a packet filter must not close: that of the controller, and that of people by ssh.
 
 Ports of ssh are not touched: those on which an ssh server of root listens, and the port of this connection. The module refuses
-where the connection comes by a program other than ssh, on a port that the filter closes.
+if the connection comes by a program other than ssh, on a port that the filter closes.
 """
 
 import contextlib
@@ -38,7 +38,7 @@ class Access(typing.NamedTuple):
     sessions: typing.List[Session]
 
     def refusal(self, packet_filter: PacketFilter) -> str:
-        """The sentence where the filter would cut the controller off, else an empty text; pure."""
+        """The sentence if the filter would cut the controller off, else an empty text; pure."""
         members = [ipaddress.ip_network(member) for member in packet_filter.members]
         open_ports = packet_filter.list_open_ports("tcp")
         for session in self.sessions:
@@ -68,7 +68,7 @@ def read_access(proc: str = "/proc") -> Access:
     sessions = _find_sessions(connections, listening, proc)
     ssh = _find_ssh_servers({port for port in listening if port >= FIRST}, proc)
     ssh |= {session.port for session in sessions if session.program in SSH_SERVERS} | _find_systemd_ports()
-    # What SSH_CONNECTION names counts where root alone listens.
+    # The port in SSH_CONNECTION counts if only root listens there.
     ssh |= _read_ssh_connection(connections) & (listening - {entry.port for entry in listeners if entry.uid != 0})
     return Access(sorted(port for port in ssh if port >= FIRST), sessions)
 
@@ -76,7 +76,7 @@ def read_access(proc: str = "/proc") -> Access:
 def _find_sessions(
     connections: typing.Iterable[ports.Socket], listening: typing.Container[int], proc: str
 ) -> typing.List[Session]:
-    """The connections that this process's ancestors serve, of those to ports where a program listens."""
+    """The connections that this process's ancestors serve, of those to ports at which a program listens."""
     by_inode = {connection.inode: connection for connection in connections if connection.port in listening}
     sessions: typing.List[Session] = []
     for pid, name, _start in ancestors(proc):

@@ -57,7 +57,7 @@ class PacketFilter(typing.NamedTuple):
 
 
 def read_options(options: typing.Mapping[str, typing.Any], ssh: typing.Iterable[int]) -> typing.Optional[PacketFilter]:
-    """Read the options; None where no filter is wanted. `ssh`: ports that stay open, too. Raises Problem."""
+    """Read the options; None if no filter is wanted. `ssh`: ports that stay open, too. Raises Problem."""
     also = _parse_networks("also", options["also"])
     members = _parse_networks("members", options["members"] and [*options["members"], *also])
     networks = _parse_networks("networks", options["networks"])
@@ -112,7 +112,7 @@ def _parse_networks(option: str, texts: typing.Iterable[str]) -> typing.List[str
 
 
 def _is_part(network: _Network, other: _Network) -> bool:
-    """True where the other network is larger and contains this one. Of two networks that overlap, one contains the other."""
+    """True if the other network is larger and contains this one. Of two networks that overlap, one contains the other."""
     return network.version == other.version and network.prefixlen > other.prefixlen and network.overlaps(other)
 
 

@@ -45,12 +45,12 @@ _WORDS = re.compile(r'[\s,{}"]+')
 
 
 def has_systemd() -> bool:
-    """True where systemd runs on this computer."""
+    """True if systemd runs on this computer."""
     return os.path.isdir("/run/systemd/system")
 
 
 class FirewallRun(ModuleRun):
-    """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
+    """One run of the module: reads the machine and plans, then applies the plan or reports the obstacle."""
 
     def __init__(self, options: typing.Mapping[str, typing.Any]) -> None:
         """Read and plan; changes nothing. Raises OSError, and Problem for unusable options, rules or files."""
@@ -81,7 +81,7 @@ class FirewallRun(ModuleRun):
         return all(one.is_ready_for_boot() for one in self.back_ends)
 
     def _choose_back_end(self, name: str) -> typing.Optional[typing.Type[BackEnd]]:
-        """The back end for the rules, None where no packet filter is wanted. Raises Problem."""
+        """The back end for the rules, None if no packet filter is wanted. Raises Problem."""
         if self.packet_filter is None:
             return None
         if name == AUTO:
@@ -95,14 +95,14 @@ class FirewallRun(ModuleRun):
     def _share(
         self, kind: typing.Type[BackEnd], chosen: typing.Optional[typing.Type[BackEnd]]
     ) -> typing.Optional[PacketFilter]:
-        """The part of the filter that a back end has: all of it, the guards alone beside another one, or nothing."""
+        """The part of the filter that a back end has: all of it, only the guards with another one, or nothing."""
         if self.packet_filter is None or kind is chosen:
             return self.packet_filter
         guards = self.packet_filter.guards if kind.name == GUARDING else ()
         return PacketFilter((), (), (), guards=guards) if guards else None
 
     def _plan_record(self) -> Data:
-        """The record after the run, empty where nothing of ours is left."""
+        """The record after the run, empty if nothing of ours is left."""
         names = [back_end.name for back_end in self.back_ends if back_end.packet_filter]
         record = dict(self.files.after, back_ends=names)
         return record if any(record.values()) else {}
@@ -140,13 +140,13 @@ class FirewallRun(ModuleRun):
         }
 
     def _describe_address(self, address: str) -> Fields:
-        """The result for an address. It is "ok" where our rules had the address before."""
+        """The result for an address. It is "ok" if our rules had the address before."""
         lines = self.back_end.before if self.back_end else []
         before = {word for line in lines for word in _WORDS.split(line)}
         return {"address": address, "changed": address not in before, "state": "ok" if address in before else "changed"}
 
     def _describe_guard(self, guard: Guard) -> Fields:
-        """The result for a guard. It is "ok" where our rules do not change."""
+        """The result for a guard. It is "ok" if our rules do not change."""
         changed = next(back_end.changes for back_end in self.back_ends if back_end.name == GUARDING)
         fields = {"networks": list(guard.networks), "interface": guard.interface}
         return {**fields, "changed": changed, "state": "changed" if changed else "ok"}
@@ -175,14 +175,14 @@ class FirewallRun(ModuleRun):
         return [step for back_end in self.in_turn if back_end.changes for step in back_end.undo_steps()]
 
     def apply_runtime(self) -> None:
-        """Change the rules at run time alone. Raises Problem, which says what is not as it was before."""
+        """Change only the rules at run time. Raises Problem, which lists rules that are not as they were before."""
         steps = [_make_step(back_end, back_end.try_out) for back_end in self.in_turn if back_end.changes]
         carry_out([*self.watch_steps(), *steps])
 
     # The change
 
     def apply(self) -> None:
-        """Make everything as planned. Raises Problem, which says what is not as it was before."""
+        """Make everything as planned. Raises Problem, which lists rules that are not as they were before."""
         record, remembered = self.files.record, self.files.remembered
         if not self.changed:
             if not remembered:

@@ -45,7 +45,7 @@ def address_of(text: str) -> typing.Optional[Address]:
 
 
 def parse(line: bytes) -> typing.Optional[Binding]:
-    """Read the binding of a line as libc does (hosts(5)), or return None where there is no address or no name."""
+    """Read the binding of a line as libc does (hosts(5)), or return None if there is no address or no name."""
     fields = line.partition(b"#")[0].split()
     address = address_of(fields[0].decode("latin-1")) if len(fields) > 1 else None
     return None if address is None else Binding(address, tuple(name.decode("latin-1") for name in fields[1:]))

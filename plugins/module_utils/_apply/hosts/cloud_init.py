@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""cloud-init, which writes /etc/hosts at every boot where its configuration says manage_etc_hosts, told to leave it alone.
+"""cloud-init, which writes /etc/hosts at every boot if its configuration says manage_etc_hosts, kept away from it.
 
-That may stand in user data, in vendor data or in a file below /etc/cloud, in any form of YAML, and may come with the
-next boot. So none of it is read: where cloud-init is installed, its services get one file of ours by the environment
+That may be in user data, in vendor data or in a file below /etc/cloud, in any form of YAML, and may come with the
+next boot. So none of it is read: if cloud-init is installed, its services get one file of ours by the environment
 variable CLOUD_CFG, which counts more than all of them (cloud-init's helpers.ConfigMerger, the same since 2012). Nothing
-of cloud-init's own is edited, and systemd is not told: it reads the file at the next boot, before cloud-init runs again.
+of cloud-init's own is edited, and systemd is not reloaded: it reads the file at the next boot, before cloud-init runs again.
 """
 
 import os
@@ -17,7 +17,7 @@ BUNDLE = "hosts_entries"  # of the files that keep it away
 
 CONFIGURATION = "/etc/rosfleet-multimaster/cloud-init.cfg"
 # The service that runs the module update_etc_hosts, up to cloud-init 24.2 and since then. A drop-in for a unit that is
-# not there does nothing. Its name sorts before those of others, so a CLOUD_CFG of the user's stays.
+# not there does nothing. Its name sorts before foreign ones, so a CLOUD_CFG of the user's stays.
 DROP_INS = tuple(
     f"/etc/systemd/system/{unit}.service.d/10-rosfleet-multimaster.conf" for unit in ("cloud-init", "cloud-init-main")
 )
@@ -28,7 +28,7 @@ FILES[CONFIGURATION] = f"{_WHY}manage_etc_hosts: false\n"
 
 
 def plan_files(wanted: bool, records: str, root: str = "") -> typing.Any:
-    """Plan the files (files.FilePlan); None where cloud-init neither is installed nor was kept away.
+    """Plan the files (files.FilePlan); None if cloud-init neither is installed nor was kept away.
 
     `wanted` says that there are bindings to keep; `root` is a prefix of all paths, for tests.
     Raises OSError, Problem.
@@ -36,7 +36,7 @@ def plan_files(wanted: bool, records: str, root: str = "") -> typing.Any:
     installed = os.path.isdir(root + INSTALLED)
     if not installed and not os.path.lexists(os.path.join(records, f"files-{BUNDLE}.json")):
         return None
-    # Imported where it is needed: it costs more than all the rest of a run without changes.
+    # Imported in the function that needs it: it costs more than all the rest of a run without changes.
     from ..transaction.files import FileBundle
 
     contents = sorted(FILES.items()) if wanted and installed else []

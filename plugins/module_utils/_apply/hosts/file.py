@@ -14,15 +14,15 @@ from ..transaction import atomic
 from ..transaction.record import Record
 from .bindings import Binding
 
-# Renaming is refused on a mount point, and there is no writing beside a file that is mounted writable alone.
+# Renaming is refused on a mount point, and a single file that is mounted writable is in a folder that is not.
 _NO_RENAME = (errno.EBUSY, errno.EROFS)
 
 
 class HostsFile:
-    """The file behind a path. It is replaced by rename; where it is a mount point, it is written in place.
+    """The file behind a path. It is replaced by rename; if it is a mount point, it is written in place.
 
     A run that is killed while it writes in place leaves a torn file: a mixture of the old and the new content. Both
-    stand in the record from before the first byte until the file is read back. So the next run recognizes a torn file
+    are in the record from before the first byte until the file is read back. So the next run recognizes a torn file
     and starts from the old content.
     """
 
@@ -42,13 +42,13 @@ class HostsFile:
         return before if self.raw_content != after and is_torn(self.raw_content, before, after) else self.raw_content
 
     def clean(self) -> None:
-        """Remove what a killed run left beside the file and in the record. Raises OSError, Problem."""
+        """Remove the remains of a killed run from the folder and the record. Raises OSError, Problem."""
         atomic.remove_leftovers(self.path)
         atomic.remove_leftovers(self.record.path)
         self.record.save(self._record_with(None))
 
     def restore(self, content: typing.Optional[bytes]) -> None:
-        """Take back the replacing by this content, where a later step has failed. Raises OSError, Problem."""
+        """Take back the replacing by this content, if a later step has failed. Raises OSError, Problem."""
         now = atomic.read_bytes(self.path)
         if now == content != self.raw_content:
             before, self.raw_content, self.content = self.raw_content, now, now
@@ -58,7 +58,7 @@ class HostsFile:
         """Give the file this content (None: remove it); returns how, as V(written) says. Raises OSError, Problem."""
         if atomic.read_bytes(self.path) != self.raw_content:
             raise Problem(
-                f"{self.path} was changed by something else while this module was looking at it; expected it to stand "
+                f"{self.path} was changed by something else while this module was looking at it; expected it to stay "
                 "still: run again. This module changed nothing."
             )
         if content is None:
@@ -94,7 +94,7 @@ class HostsFile:
                 raise
         if atomic.read_bytes(self.path) != content:
             raise Problem(
-                f"{self.path} does not read back as it was written in place; expected the new content: look for what "
+                f"{self.path} does not read back as it was written in place; expected the new content: look for the program that "
                 f"else writes it, and run again. The old content is kept in {self.record.path}."
             )
         self.record.save(self._record_with(None))

@@ -3,13 +3,13 @@
 
 """The lines of /etc/hosts, and the plan of the new file. Pure: bytes in, bytes and a report out.
 
-The mark in a line tells its owner. So there is no second record that could be lost, or differ from the file after a
+The mark in a line shows its owner. So there is no second record that could be lost, or differ from the file after a
 run was killed. A line may be moved. A reader of the file sees which lines the module owns:
 
     192.168.1.239   kobuki2computer # rosfleet.multimaster
         Owned, whatever it says: repaired, and removed as a whole. A person who removes the mark owns the line again.
     127.0.1.1 other # rosfleet.multimaster replaced: 127.0.1.1 kobuki2computer other
-        The user's line without the managed names. Behind the mark it stands byte for byte.
+        The user's line without the managed names. Behind the mark it is kept byte for byte.
     # rosfleet.multimaster created this file
         There was no file before, so it is removed when nothing else is left in it.
 
@@ -146,7 +146,7 @@ def _take_out_of_loopback(lines: typing.List[_Line], names: typing.Set[str]) -> 
 
 
 def _place(lines: typing.List[_Line], bindings: typing.List[Binding], bound: _Bound) -> None:
-    """Give each binding an owned line: where its name has one already, else at the place for new ones."""
+    """Give each binding an owned line: if its name has one already, else at the place for new ones."""
     end = b"\r" if lines[0].text and lines[0].text.endswith(b"\r") else b""
     missing = {binding.keys[0]: binding for binding in bindings}
     owned_lines = []

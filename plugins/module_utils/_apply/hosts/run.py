@@ -33,7 +33,7 @@ OPTIONS = {
 }
 _EFFECTS = {
     "shadows": "which hides the planned one",
-    "adds": "which is answered beside the planned one",
+    "adds": "which is answered in addition to the planned one",
 }
 
 
@@ -45,7 +45,7 @@ class HostsRun(ModuleRun):
         options: typing.Mapping[str, typing.Any],
         back_up: typing.Callable[[str], str],
     ) -> None:
-        """`back_up` copies a file beside it and returns the path of the copy (AnsibleModule.backup_local)."""
+        """`back_up` copies a file in its folder and returns the path of the copy (AnsibleModule.backup_local)."""
         check_absolute(options, "path", "records")
         with explain_unreadable(""):
             self.bindings = bindings_of(options["entries"])
@@ -65,7 +65,7 @@ class HostsRun(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentences on conflicts, unless they are only to be reported, and on what cannot be written here."""
+        """The sentences on conflicts, unless they are only to be reported, and on files that cannot be written here."""
         if self.plan.conflicts and not self.only_report:
             return self._conflicts() + ["Nothing was changed; with on_conflict: report the module goes on."]
         obstacles = [writable.obstacle(self.file.path, in_place=True)] if self.rewritten else []
@@ -96,7 +96,7 @@ class HostsRun(ModuleRun):
             self._check()
 
     def _check(self) -> None:
-        """Raise Problem where libc answers a name in another way than the file."""
+        """Raise Problem if libc answers a name in another way than the file."""
         wrong = self._find_unresolved()
         if wrong:
             answers = ", ".join(
@@ -125,13 +125,13 @@ class HostsRun(ModuleRun):
         )
 
     def failure(self, problem: Problem) -> Fields:
-        """The result: as planned where conflicts are the reason, or that of a file which libc does not read."""
+        """The result: as planned if conflicts are the reason, or that of a file which libc does not read."""
         if self.refusals:
             return dict(self.result(), changed=False, repaired=False)
         return dict(self.result(), changed=self.changed) if self._find_unresolved() else {}
 
     def _entries(self) -> typing.List[Fields]:
-        """The entries with what libc answers."""
+        """The entries with the answers of libc."""
         return [dict(entry, resolved=resolved) for entry, resolved in zip(self.plan.entries, self.answers)]
 
     def _find_unresolved(self) -> typing.List[Fields]:
@@ -144,7 +144,7 @@ class HostsRun(ModuleRun):
         ]
 
     def result(self) -> Fields:
-        """The return values beside `changed` and `msg`."""
+        """The return values besides `changed` and `msg`."""
         return {
             "entries": self._entries(),
             "unresolved": self._find_unresolved(),
@@ -160,14 +160,14 @@ class HostsRun(ModuleRun):
         }
 
     def _guard_items(self) -> typing.List[Fields]:
-        """The files that keep cloud-init away, each with what becomes of it."""
+        """The files that keep cloud-init away, each with its change."""
         if not self.guard:
             return []
         items = [{"path": item.file.path, "state": item.state} for item in self.guard.items]
         return items + [{"path": path, "state": "removed"} for path in self.guard.removals]
 
     def _differences(self) -> typing.Any:
-        """The value of `diff`: one entry, or several where the files of the guard change, too."""
+        """The value of `diff`: one entry, or several if the files of the guard change, too."""
         own = difference(self.file.path, self.before, self.plan.content)
         return [own, *self.guard.differences()] if self.guard and self.guard.changed else own
 

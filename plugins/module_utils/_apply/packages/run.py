@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""One run of the module multimaster_packages: Debian packages, of which the collection removes only what it has installed.
+"""One run of the module multimaster_packages: Debian packages, of which the collection removes only its own ones.
 
-The record is written before the first package: so what an interrupted run has installed is taken back, too. A package that
+The record is written before the first package: so packages of an interrupted run are taken back, too. A package that
 another one replaces (chrony replaces systemd-timesyncd) is in the record as well, and comes back with the removal.
 """
 
@@ -30,7 +30,7 @@ _APT = ["apt-get", "--quiet", "--yes", "--option=DPkg::Lock::Timeout=60", "--opt
 _LIMIT = 1200.0  # seconds; a robot may be far from its package sources
 _LIMIT_SIMULATION = 60.0  # seconds
 _ENVIRONMENT = dict(commands.CLEAN, DEBIAN_FRONTEND="noninteractive")
-_LONGEST = 400  # characters of what apt said
+_LONGEST = 400  # characters of the output of apt
 _REPLACED = re.compile(r"# ([a-z0-9][a-z0-9+.-]+) replaced ([a-z0-9 +.-]+)")
 _REMOVAL = re.compile(r"^Remv ([a-z0-9][a-z0-9+.-]+)", re.MULTILINE)
 
@@ -40,8 +40,8 @@ class PackageChanges(typing.NamedTuple):
 
     new: typing.List[str]  # wanted and not installed
     leftover: typing.List[str]  # installed by the collection, and wanted no more
-    intent: typing.List[str]  # what the collection has installed, or is about to install
-    after: typing.List[str]  # what it has installed at the end
+    intent: typing.List[str]  # packages that the collection has installed, or is about to install
+    after: typing.List[str]  # packages that it has installed at the end
 
 
 def changes(
@@ -49,7 +49,7 @@ def changes(
 ) -> PackageChanges:
     """Compare the wanted packages with the installed ones, and with those that the collection has installed (`ours`).
 
-    With `keep`, what is wanted no more stays.
+    With `keep`, packages that are no longer wanted stay.
     """
     new = [name for name in wanted if name not in installed]
     leftover = [] if keep else [name for name in ours if name not in wanted]
@@ -112,10 +112,10 @@ class Packages(ModuleRun):
         return self.record.difference
 
     def apply(self) -> None:
-        """Record and install, or remove and forget. Raises Problem; what was installed before it stays in the record."""
+        """Record and install, or remove and forget. Raises Problem; packages that were installed before it stay in the record."""
         last: typing.Optional[ManagedFiles] = self.record
         if self.changes.new:
-            # What goes stands in the record beside what comes, until it is gone.
+            # A package to remove is in the record with those to install, until it is gone.
             (self._record_of(self.changes.intent) if self.changes.leftover else self.record).apply()
             last = self._record_of(self.changes.after) if self.changes.leftover else None
             _apt("install", "--no-install-recommends", *self.changes.new)
@@ -132,11 +132,11 @@ class Packages(ModuleRun):
             ) from problem.cause
 
     def failure(self, problem: Problem) -> Fields:
-        """Return the return values beside the sentence: apt may have installed a part."""
+        """Return the return values besides the sentence: apt may have installed a part."""
         return dict(self.result(), changed=self.changed)
 
     def result(self) -> Fields:
-        """Return the values beside `changed`, `msg` and `diff`."""
+        """Return the values besides `changed`, `msg` and `diff`."""
         return {"installed": self.changes.new, "removed": self.removed}
 
     def summary(self, check_mode: bool) -> str:
@@ -159,9 +159,9 @@ def _find_replaced(names: typing.Sequence[str]) -> typing.Dict[str, typing.List[
 
 
 def _simulate(names: typing.Sequence[str]) -> str:
-    """Let apt-get say what an installation does; empty where it cannot (the installation says why).
+    """Let apt-get list the steps of an installation; empty if it cannot (the installation says why).
 
-    Raises Problem where it does not answer: what the packages replace would not come back with their removal.
+    Raises Problem if it does not answer: the packages that these replace would not come back with their removal.
     """
     words = [*_APT[:2], "--simulate", "install", "--no-install-recommends", *names]
     answer = commands.run(words, environment=_ENVIRONMENT, limit=_LIMIT_SIMULATION, user=commands.find_nobody())

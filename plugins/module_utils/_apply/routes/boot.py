@@ -18,7 +18,7 @@ from .record import PlaceRecord, RoutesRecord
 
 
 def _check_expressible(name: str, inexpressible: typing.Tuple[str, ...], routes: typing.List[RouteSpec]) -> None:
-    """Raises Problem for what a back end has no word for."""
+    """Raises Problem for fields that a back end has no word for."""
     for route in routes:
         fields = [field for field in inexpressible if getattr(route, field)]
         if fields:
@@ -36,7 +36,7 @@ class Boot:
     """The places of the boot part: their contents now, and their wanted contents."""
 
     def __init__(self, machine: MachineContext, record: RoutesRecord) -> None:
-        """Read the places; changes nothing. Raises Problem where something in a place of ours is not ours."""
+        """Read the places; changes nothing. Raises Problem if something in a place of ours is not ours."""
         self.machine = machine
         self.recorded = record
         self.folders = list(record.folders)
@@ -61,7 +61,7 @@ class Boot:
     def choose_backend(self, item: RouteRequest, overrides: typing.Mapping[str, str]) -> str:
         """The back end of a route: its own, else that of its interface (`overrides`), else the owner.
 
-        Raises Problem where nothing manages the interface.
+        Raises Problem if nothing manages the interface.
         """
         name = item.backend if item.backend != AUTO else overrides.get(item.boot_device, AUTO)
         if name == AUTO:
@@ -77,7 +77,7 @@ class Boot:
     # The plan
 
     def plan(self, choice: Choice) -> None:
-        """Plan the places for these routes. Raises Problem where a manager's own tool refuses a change."""
+        """Plan the places for these routes. Raises Problem if a manager's own tool refuses a change."""
         for name, backend in self.backends.items():
             routes: typing.Dict[str, RoutesByInterface] = {}
             for interface, interface_routes in sorted(choice.get(name, {}).items()):
@@ -102,7 +102,7 @@ class Boot:
         self.folders += [folder for folder in self._find_missing_folders() if folder not in self.folders]
 
     def is_new(self, backend: str, place: typing.Optional[str], route: RouteSpec) -> bool:
-        """True where a route is new at its place, or the place was changed by hand."""
+        """True if a route is new at its place, or the place was changed by hand."""
         if place is None or place not in self.changes.get(backend, []):
             return False
         recorded = self.recorded.places.get(place, PlaceRecord(backend, [], []))
@@ -123,7 +123,7 @@ class Boot:
 
     @property
     def delays(self) -> typing.Dict[str, str]:
-        """The managers that are not told about changed places before the next boot: back end -> the reason."""
+        """The managers that do not hear of changed places before the next boot: back end -> the reason."""
         reasons = {name: self.backends[name].explain_delay() for name in self.changes}
         return {name: reason for name, reason in reasons.items() if reason}
 
@@ -156,7 +156,7 @@ class Boot:
     # The change
 
     def apply(self) -> None:
-        """Write the changed places and tell their managers. Raises Problem or OSError; `undo` takes it back."""
+        """Write the changed places and notify their managers. Raises Problem or OSError; `undo` takes it back."""
         self._write(self.wanted)
 
     def undo(self) -> typing.List[str]:

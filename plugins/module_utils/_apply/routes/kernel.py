@@ -41,7 +41,7 @@ class RouteSpec(typing.NamedTuple):
     on_link: bool = False
     type: str = "unicast"
     scope: str = ""  # "" for the kernel's own: link without a gateway, else global
-    mtu: int = 0  # 0, as for the next two, for what the kernel finds out itself
+    mtu: int = 0  # 0, as for the next two, for a value that the kernel finds out itself
     advmss: int = 0
     initcwnd: int = 0
 
@@ -71,7 +71,7 @@ class RouteSpec(typing.NamedTuple):
         }
 
     def fits(self, other: "RouteSpec") -> bool:
-        """True where the other route goes this way. What this one leaves to the kernel may be anything in the other one."""
+        """True if the other route goes this way. A field that this one leaves to the kernel may have any value in the other one."""
         plain = other._replace(scope="", mtu=0, advmss=0, initcwnd=0)
         return self.way in (other.way, plain.way)
 
@@ -141,7 +141,7 @@ _KNOWN = _PATH_METRICS | {
     "type", "dst", "gateway", "via", "dev", "proto", "scope", "src", "metric", "table", "flags",
     "pref", "nexthops", "error", "weight",
 }  # fmt: skip
-_NUMBER = re.compile(r"(lock )?[0-9]+$")  # locked: not to be changed by what the kernel finds out
+_NUMBER = re.compile(r"(lock )?[0-9]+$")  # locked: not to be changed by findings of the kernel
 
 
 def parse_route(line: str, version: int, table: int) -> KernelRoute:
@@ -229,7 +229,7 @@ def _read_line(line: str) -> Fields:
 
 
 def read_routes(version: int, table: int) -> typing.List[KernelRoute]:
-    """The routes of a table. Raises Problem where they cannot be read."""
+    """The routes of a table. Raises Problem if they cannot be read."""
     show = ["-oneline", "-details", f"-{version}", "route", "show", "table", str(table)]
     answer = run(["ip", *show], limit=_LIMIT)
     if "table does not exist" in answer.error:
@@ -246,7 +246,7 @@ def read_routes(version: int, table: int) -> typing.List[KernelRoute]:
 def change_route(argv: typing.Sequence[str], may_refuse: bool = False) -> None:
     """Make one change by a command. Raises Problem with the kernel's own words.
 
-    With `may_refuse`, only where the kernel has not been asked: the command gave no answer, or could not be started.
+    With `may_refuse`, only if the kernel has not been asked: the command gave no answer, or could not be started.
     """
     answer = run(argv, limit=_LIMIT)
     if answer.status < 0 or (answer.status > 0 and not may_refuse):

@@ -22,10 +22,10 @@ Links = typing.Callable[[int], typing.Iterable[RouteSpec]]  # version of IP -> t
 
 
 class RouteRequest(typing.NamedTuple):
-    """One route of the option, and what the option says about the boot."""
+    """One route of the option, and its setting for the boot."""
 
     route: RouteSpec
-    boot_device: str  # the interface that brings the route back at boot; "" where any interface will do
+    boot_device: str  # the interface that brings the route back at boot; "" if any interface will do
     backend: str
 
 
@@ -244,12 +244,12 @@ def _check_gateway(
     if not gateway.is_link_local and not any(gateway in network for network in near):
         raise Problem(
             f"{where}: the gateway is not in a network of {route.device} (found {_list_addresses({route.device: link})}): correct "
-            "gateway or device, or set on_link where it is on that link all the same."
+            "gateway or device, or set on_link if it is on that link all the same."
         )
 
 
 def _is_near(route: RouteSpec, device: str) -> bool:
-    """True where the destination of the route is on the link of the device."""
+    """True if the destination of the route is on the link of the device."""
     return route.device == device and not route.gateway and route.destination not in DEFAULTS.values()
 
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The plan for the kernel's routes: the changes from what is there to what is wanted, and their undo. Pure.
+"""The plan for the kernel's routes: the changes from the present routes to the wanted ones, and their undo. Pure.
 
 Each listed route is planned by itself, and so is each route that is taken back. Each key has a route at every moment: `replace`
 of ip-route(8) is one step of the kernel, and removals come after all additions.
@@ -56,7 +56,7 @@ class KeyPlan(typing.NamedTuple):
     adds: typing.List[RouteChange]
     removals: typing.List[RouteChange]
     after: typing.List[str]  # the routes of the key afterwards
-    result: typing.Any  # a RouteResult, or what the module returns for a route that is no longer listed
+    result: typing.Any  # a RouteResult, or the result for a route that is no longer listed
     entry: typing.Optional[RouteEntry] = None  # the record on the way, our route last; None: no new entry
 
 
@@ -142,14 +142,14 @@ def _sort_routes(route: RouteSpec, kernel_routes: Held, entry: RouteEntry) -> ty
 
 
 def _is_match(kernel_route: KernelRoute, route: RouteSpec, entry: RouteEntry) -> bool:
-    """True where the kernel's route is the wanted one. A route of another owner may have more attributes than the wanted one."""
+    """True if the kernel's route is the wanted one. A route of another owner may have more attributes than the wanted one."""
     if kernel_route.route.way not in _ways(entry):
         return route.fits(kernel_route.route)
     return kernel_route.route.way == route.way and kernel_route.route.on_link == _on_link(kernel_route, route, entry)
 
 
 def _on_link(kernel_route: KernelRoute, route: RouteSpec, entry: RouteEntry) -> bool:
-    """True where a route of ours shall have on_link: it is wanted, or a manager has added it."""
+    """True if a route of ours shall have on_link: it is wanted, or a manager has added it."""
     made = any(other.on_link for other in entry.made if other.way == kernel_route.route.way)
     return route.on_link or (kernel_route.route.on_link and not made)
 
@@ -163,7 +163,7 @@ def _list_replaced(entry: RouteEntry, kernel_routes: Held) -> typing.Tuple[typin
     """The foreign routes that come back when ours is no longer listed."""
     foreign = [kernel_route.words for kernel_route in kernel_routes if kernel_route.route.way not in _ways(entry)]
     ours = len(foreign) < len(kernel_routes)
-    # Where our routes were all gone, the foreign routes have replaced those of the record.
+    # If our routes were all gone, the foreign routes have replaced those of the record.
     earlier = entry.replaced if ours or not foreign else ()
     return earlier + tuple(words for words in foreign if words not in earlier)
 
@@ -233,13 +233,13 @@ def _state(ours: Held, others: Held, back: typing.Sequence[typing.Any]) -> str:
 
 
 def _make_again(key: Key, words: typing.Tuple[str, ...], first: bool) -> RouteChange:
-    """One of several routes of a key: the first replaces what is there, the others are added to it."""
+    """One of several routes of a key: the first replaces the present one, the others are added to it."""
     return RouteChange("replace" if first else "append", key, words, may_fail=not first)
 
 
 def remove(kernel_route: KernelRoute) -> RouteChange:
     """The removal of one route; the others with its key stay."""
-    # The kernel does not tell routes of IPv6 apart by their type, but it does by their device.
+    # The kernel does not distinguish routes of IPv6 by their type, but it does by their device.
     lo = ("dev", "lo") if kernel_route.route.version == 6 and kernel_route.route.type in NO_WAY else ()
     return RouteChange("del", kernel_route.route.key, kernel_route.words + lo, may_fail=True)
 
@@ -251,7 +251,7 @@ def _links_first(changes: typing.List[RouteChange]) -> typing.List[RouteChange]:
 
 
 def _find_word_after(name: str, words: typing.Sequence[str]) -> typing.Optional[str]:
-    """The word that follows `name`, None where the words do not have it."""
+    """The word that follows `name`, None if the words do not have it."""
     return words[words.index(name) + 1] if name in words else None
 
 
@@ -261,7 +261,7 @@ def _find_word_after(name: str, words: typing.Sequence[str]) -> typing.Optional[
 def _undo(
     routes: typing.List[RouteSpec], current: Current, after: typing.Dict[Key, typing.List[str]]
 ) -> typing.List[RouteChange]:
-    """The changes that bring the touched keys back to what they hold now: first additions, then removals."""
+    """The changes that bring the touched keys back to their present routes: first additions, then removals."""
     adds: typing.List[RouteChange] = []
     removals: typing.List[RouteChange] = []
     for key, texts in after.items():
@@ -279,7 +279,7 @@ def _undo(
 
 
 def build_undo_command(change: RouteChange) -> typing.List[str]:
-    """A change of `RoutesPlan.undo` as a command. It fails only where the former state does not come back."""
+    """A change of `RoutesPlan.undo` as a command. It fails only if the former state does not come back."""
     words = change.words
     if change.verb != "del":
         return ["sh", "-c", f"{_join_words(change.command)} || :"] if change.may_fail else change.command
@@ -299,7 +299,7 @@ def _join_words(argv: typing.Iterable[str]) -> str:
 def find_other_defaults(
     routes: typing.Iterable[RouteSpec], kernel_routes: typing.Iterable[KernelRoute]
 ) -> typing.List[KernelRoute]:
-    """The foreign default routes beside a wanted one, in the same table. `kernel_routes`: those that stay."""
+    """The foreign default routes in addition to a wanted one, in the same table. `kernel_routes`: those that stay."""
     wanted = [route for route in routes if route.destination in DEFAULTS.values() and route.type == "unicast"]
     places = {(route.destination, route.table) for route in wanted}
     return [other for other in kernel_routes if (other.route.destination, other.route.table) in places]

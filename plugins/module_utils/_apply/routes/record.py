@@ -33,7 +33,7 @@ class RoutesRecord(typing.NamedTuple):
 
     entries: Entries
     places: typing.Dict[str, PlaceRecord]
-    pending: typing.Dict[str, typing.List[str]]  # back end -> places that its manager has not been told about
+    pending: typing.Dict[str, typing.List[str]]  # back end -> places that its manager has not read yet
     folders: typing.List[str]  # those that we made, outermost first
 
     def to_json(self) -> Data:
@@ -55,7 +55,7 @@ class RoutesRecord(typing.NamedTuple):
 def read_record(data: Data) -> RoutesRecord:
     """The record in the data of its file.
 
-    Raises AttributeError, IndexError, KeyError, TypeError or ValueError where the data has another shape.
+    Raises AttributeError, IndexError, KeyError, TypeError or ValueError if the data has another shape.
     """
     entries = [
         RouteEntry(
@@ -74,7 +74,7 @@ def read_record(data: Data) -> RoutesRecord:
 
 
 def _route_to_json(route: RouteSpec) -> Data:
-    """The fields of a route; those that earlier versions did not have only where they say something."""
+    """The fields of a route; those that earlier versions did not have only if they are set."""
     return {name: value for name, value in route._asdict().items() if value or name not in _LATER}
 
 

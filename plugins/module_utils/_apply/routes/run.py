@@ -40,13 +40,13 @@ _TAKEN_BACK = {
     "left": "{before} is left: it is foreign, and in the place of ours.",
 }
 _SECOND_DEFAULT = (
-    "There is a second default route, {text}, beside the listed one: the lower metric decides which is taken. "
-    "Turn it off where it is made, or give the listed one a lower metric."
+    "There is a second default route, {text}, in addition to the listed one: the lower metric decides which is taken. "
+    "Turn it off at its source, or give the listed one a lower metric."
 )
 
 _DELAY = (
-    "{manager} reads the routes at the next boot, and is not told about them now, since {reason}: it might delete what others have made. "
-    "Until then, run this again where a link was down."
+    "{manager} reads the routes at the next boot, and not now, since {reason}: it might delete foreign routes and rules. "
+    "Until then, run this again if a link was down."
 )
 
 ROUTE = {
@@ -77,10 +77,10 @@ Data = typing.Dict[str, typing.Any]  # JSON
 
 
 class RoutesRun(ModuleRun):
-    """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
+    """One run of the module: reads the machine and plans, then applies the plan or reports the obstacle."""
 
     def __init__(self, options: Options, memory: typing.Optional[Data] = None) -> None:
-        """Read and plan; changes nothing. `memory`: that of an earlier run that changed the run time alone.
+        """Read and plan; changes nothing. `memory`: that of an earlier run that changed only the run time.
 
         Raises Problem for options, files or a record that cannot be used.
         """
@@ -175,7 +175,7 @@ class RoutesRun(ModuleRun):
         }
 
     def _find_boot_conflict(self, route: kernel.RouteSpec) -> typing.Optional[str]:
-        """The sentence where a manager would make a route of another owner again at boot, beside ours."""
+        """The sentence if a manager would make a foreign route again at boot, in addition to ours."""
         entry = self.recorded.entries.get(route.key)
         ours = {other.way for other in entry.made} if entry else set()
         for kernel_route in self.current.get(route.key, []):
@@ -188,7 +188,7 @@ class RoutesRun(ModuleRun):
                 if owner and not self.boot.backends[owner].takes_precedence:
                     return (
                         f"routes: {kernel.format_route(route)}: {quote(kernel_route.text)} comes from {owner}, which would make it again at the next "
-                        f"boot, beside this one: remove it from the configuration of {quote(kernel_route.route.device)}, or give this one "
+                        f"boot, in addition to this one: remove it from the configuration of {quote(kernel_route.route.device)}, or give this one "
                         "another metric."
                     )
         return None
@@ -197,7 +197,7 @@ class RoutesRun(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """One sentence for each route that conflicts with foreign routes, and one where the right to change routes is missing."""
+        """One sentence for each route that conflicts with foreign routes, and one if the right to change routes is missing."""
         problems = [item["problem"] for item in self.items if item["problem"]]
         files = [place for places in self.boot.changes.values() for place in places if place.startswith("/")]
         locked = writable.obstacles([*map(self.machine.path, files), self.record.path]) if self.changed else []
@@ -210,7 +210,7 @@ class RoutesRun(ModuleRun):
 
     @property
     def warnings(self) -> typing.List[str]:
-        """The sentences about other default routes, managers that are not told yet, and routes that were not taken back as planned."""
+        """The sentences about other default routes, managers that have not read their routes yet, and routes that were not taken back as planned."""
         sentences = [_SECOND_DEFAULT.format(text=quote(other["text"])) for other in self.foreign_defaults]
         sentences += [_DELAY.format(manager=name, reason=reason) for name, reason in self.boot.delays.items()]
         return sentences + [_write_sentence(item) for item in self.taken_back if item["state"] in ("left", "lost")]
@@ -248,7 +248,7 @@ class RoutesRun(ModuleRun):
 
     @property
     def foreign_defaults(self) -> typing.List[Data]:
-        """The foreign default routes that stay beside ours."""
+        """The foreign default routes that stay in addition to ours."""
         staying = _flatten(
             {key: kernel_routes for key, kernel_routes in self.current.items() if key not in self.plan.after}
         )
@@ -264,14 +264,14 @@ class RoutesRun(ModuleRun):
         return [plan.build_undo_command(change) for change in self.plan.undo]
 
     def apply_runtime(self) -> None:
-        """Change the kernel's routes alone. Raises Problem, which says what is not as it was before."""
+        """Change only the kernel's routes. Raises Problem, which lists routes that are not as they were before."""
         carry_out([*self.watch_steps(), self._kernel_step()])
 
     # The change
 
     def apply(self) -> None:
-        """Make everything as planned. Raises Problem, which says what is not as it was before."""
-        # Where something is left of a change of the kernel, the next run needs the record of the change to repair it.
+        """Make everything as planned. Raises Problem, which lists routes that are not as they were before."""
+        # If something is left of a change of the kernel, the next run needs the record of the change to repair it.
         planned = self.memory if self.plan.changes else self.stored
         steps = self.watch_steps() if self.changed else []
         steps += [intent(self.record, planned, self.stored, "the record {what} ({reason})"), self._kernel_step()]
@@ -313,7 +313,7 @@ class RoutesRun(ModuleRun):
         return failures
 
     def _check_kernel(self) -> None:
-        """Raises Problem where the kernel's routes differ from the plan."""
+        """Raises Problem if the kernel's routes differ from the plan."""
         now = self._read_kernel()
         for route, item in zip(self.routes, self.items):
             kernel_routes = now.get(route.key, [])
@@ -325,7 +325,9 @@ class RoutesRun(ModuleRun):
                     "changes it at the same time."
                 )
             item["after"] = same[0].text
-            for kernel_route in kernel_routes:  # kernels differ in what `replace` leaves beside a route of IPv6
+            for (
+                kernel_route
+            ) in kernel_routes:  # kernels differ in the routes that `replace` leaves next to a route of IPv6
                 if kernel_route not in same:
                     surplus = plan.remove(kernel_route)
                     kernel.change_route(surplus.command, surplus.may_fail)
@@ -333,7 +335,7 @@ class RoutesRun(ModuleRun):
     def _check_taken_back(self) -> None:
         """Mark the routes that could not be restored, because their gateway or interface is no longer there.
 
-        Raises Problem where a route of ours is still there.
+        Raises Problem if a route of ours is still there.
         """
         now = {kernel_route.text for kernel_route in _flatten(self._read_kernel())} if self.taken_back else set()
         for item in self.taken_back:
@@ -341,7 +343,7 @@ class RoutesRun(ModuleRun):
                 item.update(state="lost")
             if item["state"] in ("removed", "lost") and item["before"] in now:
                 raise Problem(
-                    f"routes: the kernel still holds {quote(item['before'])} afterwards, expected it to be removed: see what "
+                    f"routes: the kernel still holds {quote(item['before'])} afterwards, expected it to be removed: find the program that "
                     f"'ip route del {item['before']}' says."
                 )
 
@@ -371,7 +373,7 @@ def _write_sentence(item: Data) -> str:
 
 
 def _check_overrides(backends: typing.Mapping[str, str], interfaces: typing.Container[str]) -> typing.Mapping[str, str]:
-    """The option backends. Raises Problem for what is no interface or no back end."""
+    """The option backends. Raises Problem for names that are no interface or no back end."""
     for interface, name in backends.items():
         if interface not in interfaces:
             raise Problem(f"backends: there is no interface {interface}: correct or remove it.")

@@ -60,7 +60,7 @@ class Assignment(typing.NamedTuple):
     key: str
     value: typing.Optional[str]  # None for a line that keeps patterns from setting the key
     file: str
-    line: int  # 0 where the whole file decides
+    line: int  # 0 if the whole file decides
 
 
 # Names and values
@@ -99,7 +99,7 @@ _NUMBER = re.compile(r"-?(0[xX][0-9a-fA-F]{1,16}|0[0-7]{0,22}|[1-9][0-9]{0,19})"
 
 
 def read_value(text: str, like: str) -> str:
-    """A value as the kernel reads it into a key that holds values such as `like`; normal form where it would refuse it.
+    """A value as the kernel reads it into a key that holds values such as `like`; normal form if it would refuse it.
 
     Of whole numbers it takes as many as the key has, each up to a blank, in base 8, 10 or 16 (proc_dointvec() in
     kernel/sysctl.c). So `1 # a remark` and `0x1` are 1, for sysctl(8) and systemd-sysctl alike: both write all of the line.
@@ -120,7 +120,7 @@ def _read_number(word: str) -> int:
 
 
 def matches(pattern: str, key: str) -> bool:
-    """True where a pattern of a file matches a key; `*` stays within one level (glob(7))."""
+    """True if a pattern of a file matches a key; `*` stays within one level (glob(7))."""
     patterns, parts = pattern.split("/"), key.split("/")
     return len(patterns) == len(parts) and all(map(fnmatch.fnmatchcase, parts, patterns))
 
@@ -143,7 +143,7 @@ def parse(text: str, file: str) -> typing.List[Assignment]:
 def last_write(assignments: typing.Iterable[Assignment], names: typing.Collection[str]) -> typing.Optional[Assignment]:
     """The assignment that decides a variable with these names, of all that are read together.
 
-    Where nothing sets the variable, it is the line that keeps patterns (and earlier lines) from setting it. The rules
+    If nothing sets the variable, it is the line that keeps patterns (and earlier lines) from setting it. The rules
     are those of systemd-sysctl: a later assignment replaces an earlier one of the same key and is then applied later,
     unless both have the same value. A pattern does not apply to a key that is listed itself.
     """
@@ -191,7 +191,7 @@ class Tree(typing.NamedTuple):
         return here
 
     def read(self, path: str) -> str:
-        """The text of a file, "" where there is none, as for a link to /dev/null. Raises Problem."""
+        """The text of a file, "" if there is none, as for a link to /dev/null. Raises Problem."""
         if path in self.overlay:
             return self.overlay[path] or ""
         real = self.real(path)
@@ -219,11 +219,11 @@ class Tree(typing.NamedTuple):
         return names
 
     def exists(self, path: str) -> bool:
-        """True where there is a file or folder."""
+        """True if there is a file or folder."""
         return os.path.exists(self.real(path))
 
     def is_masked(self, unit: str) -> bool:
-        """True where systemd never starts a unit: an empty file or a link to /dev/null takes its place."""
+        """True if systemd never starts a unit: an empty file or a link to /dev/null takes its place."""
         return any(unit in self.names(folder) and not self.read(f"{folder}/{unit}") for folder in _UNIT_FOLDERS[:2])
 
     def find_enabling_link(self, unit: str) -> typing.Optional[str]:
@@ -260,7 +260,7 @@ def find_hiding_file(tree: Tree, drop_in: str) -> typing.Optional[str]:
 
 
 def boots_with_systemd(tree: Tree) -> bool:
-    """True where systemd-sysctl applies the settings: systemd runs (sd_booted(3)), or the image will start it."""
+    """True if systemd-sysctl applies the settings: systemd runs (sd_booted(3)), or the image will start it."""
     if tree.exists("/run/systemd/system"):
         return True
     return os.path.basename(tree.real("/sbin/init")) == "systemd"
@@ -275,7 +275,7 @@ def sysctl_d(tree: Tree) -> typing.List[Assignment]:
     assignments = [assignment for path in files for assignment in parse(tree.read(path), path)]
     if systemd:
         return assignments
-    # procps knows excluded keys for patterns alone; a line that sets the key itself counts.
+    # procps knows excluded keys only for patterns; a line that sets the key itself counts.
     keys = {assignment.key for assignment in assignments if assignment.value is not None}
     return [assignment for assignment in assignments if assignment.value is not None or assignment.key not in keys]
 
@@ -293,7 +293,7 @@ def networkd(tree: Tree) -> typing.List[Assignment]:
 
     Up to systemd 255, IPForward= of a .network file turns forwarding on and never off (systemd.network(5)). From 256,
     IPv4Forwarding= and IPv6Forwarding= of networkd.conf turn it on or off (networkd.conf(5)). IPMasquerade= of a .network
-    file implies what turns it on, in all versions.
+    file implies the variable that turns it on, in all versions.
     """
     if not tree.find_enabling_link("systemd-networkd.service"):
         return []
@@ -307,7 +307,7 @@ def _read_network_files(tree: Tree) -> typing.List[Assignment]:
         files = [file, *configuration_files(tree, folders)]  # its drop-ins are read after it
         if not _is_for_this_machine(tree, files):
             continue
-        # A plain yes means both families to the first, and IPv4 alone to the second.
+        # A plain yes means both families to the first, and only IPv4 to the second.
         for option, yes in (("IPForward", ("ipv4", "ipv6")), ("IPMasquerade", ("ipv4",))):
             value, path, line = _ini(tree, files, option)
             families = yes if value in _YES else ("ipv4", "ipv6") if value == "both" else (value,)
@@ -318,10 +318,10 @@ def _read_network_files(tree: Tree) -> typing.List[Assignment]:
 
 
 def _is_for_this_machine(tree: Tree, files: typing.List[str]) -> bool:
-    """False where [Match] of a .network file surely matches no interface of this machine: networkd sets nothing by it then.
+    """False if [Match] of a .network file surely matches no interface of this machine: networkd sets nothing by it then.
 
     80-container-ve.network of systemd itself is such a file while no container runs (Name=ve-*), and 80-container-host0.network is one
-    outside of containers (Virtualization=container). What cannot be told from files, as Driver=, may match.
+    outside of containers (Virtualization=container). A condition that files do not answer, as Driver=, may match.
     """
     wanted = _list_words(tree, files, "Virtualization")[-1:]  # one value; the last one counts
     container = normal(tree.read(_CONTAINER)) if tree.exists(_CONTAINER) else ""
@@ -379,7 +379,7 @@ READERS = (sysctl_d, ufw, networkd, docker)
 
 
 def find_boot_assignments(tree: Tree, keys: typing.Iterable[str]) -> typing.Dict[str, typing.Optional[Assignment]]:
-    """The assignment that decides each key at boot, or None. (Its value is None where a line excludes the key.)"""
+    """The assignment that decides each key at boot, or None. (Its value is None if a line excludes the key.)"""
     keys = list(keys)
     deciding: typing.Dict[str, typing.Optional[Assignment]] = dict.fromkeys(keys)
     for reader in READERS:
@@ -393,7 +393,7 @@ def find_boot_assignments(tree: Tree, keys: typing.Iterable[str]) -> typing.Dict
 
 
 def _shell_variable(text: str, name: str) -> str:
-    """The value of a variable in a file for a shell, "" where it is not set."""
+    """The value of a variable in a file for a shell, "" if it is not set."""
     value = ""
     for match in re.finditer(rf"(?m)^[ \t]*(?:export[ \t]+)?{re.escape(name)}=(.*)$", text):
         try:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The kernel's settings in /proc/sys: reading, writing, refusals, and the keys that the kernel changes beside a key."""
+"""The kernel's settings in /proc/sys: reading, writing, refusals, and the keys that the kernel changes with a key."""
 
 import errno
 import os
@@ -12,7 +12,7 @@ from ..._base import rights
 from ..._base.plain_text import quote
 from .boot import matches, name_of, normal
 
-Values = typing.Dict[str, typing.Optional[str]]  # key -> value in normal form, None where there is no such key
+Values = typing.Dict[str, typing.Optional[str]]  # key -> value in normal form, None if there is no such key
 
 
 class WantedValue(typing.NamedTuple):
@@ -29,7 +29,7 @@ class KeyState(typing.NamedTuple):
     refusal: int
 
 
-# The keys that the kernel changes beside a key
+# The keys that the kernel changes with a key
 
 
 def _opposite(value: str) -> str:
@@ -51,7 +51,7 @@ class KeyRule(typing.NamedTuple):
     unless: typing.Tuple[str, ...] = ()  # last levels of keys that change nothing
 
     def changes(self, other: str) -> bool:
-        """True where the kernel changes this key, in a rule for one key."""
+        """True if the kernel changes this key, in a rule for one key."""
         return matches(self.others, other) and not any(level in self.but for level in other.split("/"))
 
 
@@ -90,7 +90,7 @@ RULES: typing.Tuple[KeyRule, ...] = (
 
 
 def rules_of(key: str) -> typing.List[KeyRule]:
-    """The rules for this key alone."""
+    """The rules only for this key."""
     last = key.rpartition("/")[2]
     return [
         rule._replace(key=key, others=rule.others.format(last))
@@ -100,7 +100,7 @@ def rules_of(key: str) -> typing.List[KeyRule]:
 
 
 def followers(key: str, value: str, keys: typing.Iterable[str]) -> typing.Dict[str, str]:
-    """The keys, among `keys`, that the kernel can set beside this key, with what they hold where they follow this value."""
+    """The keys, among `keys`, that the kernel can set with this key, with their values if they follow this value."""
     rules, values = rules_of(key), {}
     for other in keys if rules else ():
         for rule in rules:
@@ -158,11 +158,11 @@ _SENTENCES = {
     "missing": "{name}: this kernel has no {path}, expected to set {wanted} there: load the kernel module or bring up the "
     "interface that brings it, or take it off the settings.",
     "read_only": "{name}: {path} is on a read-only mount, as in a container without the right, and holds {found}, "
-    "expected {wanted}: set it where the container is started, or give the container a writable /proc/sys.",
+    "expected {wanted}: set it at the start of the container, or give the container a writable /proc/sys.",
     "denied": "{name}: user {user} may not change {path} ({reason}), which holds {found}, expected {wanted}: "
     "run as root (become: true), in a container with the capability for it.",
     "denied without a capability": "{name}: root may not change {path} here ({reason}), since this process is without {capability}, as in "
-    "a container; it holds {found}, expected {wanted}: give it that, or set the value where the container is started.",
+    "a container; it holds {found}, expected {wanted}: give it that, or set the value at the start of the container.",
     "denied to root": "{name}: not even root may change {path} ({reason}), which holds {found}, expected {wanted}: "
     "take it off the settings, or give the container the capability for it.",
     "invalid": "{name}: the kernel refuses the value {wanted} ({reason}) and keeps {found}: "
@@ -237,7 +237,7 @@ class Kernel:
         )
 
     def keys(self, pattern: str) -> typing.List[str]:
-        """The keys of this kernel that a pattern matches; `*` stands for one whole level."""
+        """The keys of this kernel that a pattern matches; `*` matches one whole level."""
         folder, star, rest = pattern.partition("/*/")
         if not star:
             return [pattern]
@@ -247,13 +247,13 @@ class Kernel:
             return []
 
     def read_with_others(self, keys: typing.Iterable[str]) -> typing.Dict[str, KeyState]:
-        """The values of these keys, and of the keys that the kernel changes beside them."""
+        """The values of these keys, and of the keys that the kernel changes with them."""
         rules = [rule for key in keys for rule in rules_of(key)]
         others = [other for rule in rules for other in self.keys(rule.others) if rule.changes(other)]
         return {key: self.look(key) for key in dict.fromkeys([*keys, *others])}
 
     def settle(self, goals: typing.Mapping[str, str]) -> typing.Dict[str, int]:
-        """Bring these keys to these values, and write only what differs; returns the errno for each key that stays otherwise.
+        """Bring these keys to these values, and write only those that differ; returns the errno for each key that stays otherwise.
 
         The kernel refuses some values as long as another key has its old one, and some writes change other keys too. So the
         writes are repeated as long as fewer keys are wrong each time.

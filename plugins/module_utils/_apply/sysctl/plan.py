@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The plan for kernel settings: the writes from what the kernel holds to what is wanted, and the record of them. Pure.
+"""The plan for kernel settings: the writes from the present values to the wanted ones, and the record of them. Pure.
 
 Settings that are no longer listed are taken back first, in the reverse order of the list that set them: the kernel refuses
 some values while another key has its present one. Then the listed settings are written, so they have the last word over
-keys that the kernel changes beside others.
+keys that the kernel changes with others.
 """
 
 import os
@@ -24,12 +24,12 @@ class SysctlPlan(typing.NamedTuple):
     """The writes of one run in their order, and the record before and after them."""
 
     writes: typing.List[WantedValue]
-    goals: typing.Dict[str, str]  # what the writes are for: key -> value
+    goals: typing.Dict[str, str]  # the purpose of the writes: key -> value
     interim: SettingsRecord
     final: SettingsRecord
     after: Values
     removals: typing.List[Data]  # of settings that are no longer listed, as the module returns them
-    side_effects: typing.List[Data]  # keys that the kernel changes beside listed ones, as the module returns them
+    side_effects: typing.List[Data]  # keys that the kernel changes with listed ones, as the module returns them
 
 
 # The option
@@ -124,7 +124,7 @@ def rules_text(settings: typing.Iterable[WantedValue]) -> typing.Optional[str]:
 
 
 def check_drop_in(path: str) -> None:
-    """Raises Problem where a drop-in at this path would not be read at boot, or would not survive the boot."""
+    """Raises Problem if a drop-in at this path would not be read at boot, or would not survive the boot."""
     lasting = [folder for folder in SYSCTL_FOLDERS if not folder.startswith("/run/")]
     name = os.path.basename(path)
     usable = name.endswith(".conf") and not name.startswith(".") and name.isprintable()
@@ -138,8 +138,8 @@ def check_drop_in(path: str) -> None:
 def plan(settings: typing.List[WantedValue], current: Values, record: SettingsRecord, drop_in: str) -> SysctlPlan:
     """The plan from the kernel's current values and the record to the settings.
 
-    `current` holds the value of every key of settings and record, and of every key that the kernel changes beside them;
-    None where there is no such key. `record` has the folders that will be made for the drop-in, too.
+    `current` holds the value of every key of settings and record, and of every key that the kernel changes with them;
+    None if there is no such key. `record` has the folders that will be made for the drop-in, too.
     """
     start = {key: value for key, value in current.items() if value is not None}
     kernel = _Simulation(start)
@@ -218,7 +218,7 @@ def _take_back(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> Data
 
 
 def _restore(entry: Entry, kept: typing.Set[str], kernel: _Simulation) -> None:
-    """Plan the value from before. The keys beside it get theirs from before too, or keep a later change of another program."""
+    """Plan the value from before. The keys that follow it get theirs from before too, or keep a later change of another program."""
     if entry.before is None:
         raise AssertionError("a setting without a key is refused, so it has no record")
     followed, others = followers(entry.key, kernel.values[entry.key], kernel.values), dict(kernel.values)
@@ -244,7 +244,7 @@ def _plan_entry(setting: WantedValue, start: typing.Mapping[str, str], owned: ty
 
 
 def _new_entry(key: str, start: typing.Mapping[str, str], owned: typing.Mapping[str, Entry]) -> Entry:
-    """The record of a key that becomes ours: its value from before, and those of the keys that it changes beside it."""
+    """The record of a key that becomes ours: its value from before, and those of the keys that change with it."""
     value = _original_value(key, start, owned)
     others = {} if value is None else followers(key, value, start)
     before = {other: _original_value(other, start, owned) for other in others}

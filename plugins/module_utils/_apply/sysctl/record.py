@@ -43,12 +43,12 @@ class SettingsRecord(typing.NamedTuple):
 
 
 def _usual(variables: typing.Iterable[str]) -> typing.List[str]:
-    """The order that a record has where it names none."""
+    """The order that a record has if it names none."""
     return changes_others_first(sorted(variables))
 
 
 def read(data: Data) -> SettingsRecord:
-    """The record in the data of its file. Raises LookupError where something is missing."""
+    """The record in the data of its file. Raises LookupError if something is missing."""
     stored = data.get("settings", {})
     order = data.get("order") or _usual(stored)
     settings = {

@@ -52,7 +52,7 @@ Options = typing.Mapping[str, typing.Any]
 
 
 class SysctlRun(ModuleRun):
-    """One run of the module: reads the machine and plans, then applies the plan or says what prevents it."""
+    """One run of the module: reads the machine and plans, then applies the plan or reports the obstacle."""
 
     def __init__(self, options: Options, memory: typing.Optional[Data] = None) -> None:
         """Read and plan; changes nothing. `memory`: that of the run whose change at run time this one confirms.
@@ -74,7 +74,7 @@ class SysctlRun(ModuleRun):
         # Our drop-in, and those under earlier names.
         self.texts_before = {self.drop_in: self._read_own_text(self.drop_in), **self._read_stale_texts()}
         self.lost: typing.List[str] = []  # the keys with which IPv6 was off for a moment
-        self.unknown: typing.List[str] = []  # the sentences of check mode on what only the change itself shows
+        self.unknown: typing.List[str] = []  # the sentences of check mode on facts that only the change itself shows
 
         keys = [setting.key for setting in self.settings]
         owned = [entry.key for entry in self.recorded.settings.values()]
@@ -96,7 +96,7 @@ class SysctlRun(ModuleRun):
         self.changed = self.runtime_changes or files or self.stored != self.plan.final.plain()
 
     def _prefer_boot_values(self, items: typing.Iterable[Options]) -> typing.List[kernel.WantedValue]:
-        """The listed settings. Where the value of another file is enough, it is taken, so the file stays."""
+        """The listed settings. If the value of another file is enough, it is taken, so the file stays."""
         settings, enough = plan.settings_of(items), plan.enough_of(items)
         if not enough:
             return settings
@@ -123,7 +123,7 @@ class SysctlRun(ModuleRun):
             self.texts_before[_RULES], self.texts_after[_RULES] = self._read_own_text(_RULES), wanted
 
     def _read_own_text(self, path: str) -> typing.Optional[str]:
-        """The text of a file of ours, the drop-in or the rules; None where there is none. Raises Problem for a file that is not ours."""
+        """The text of a file of ours, the drop-in or the rules; None if there is none. Raises Problem for a file that is not ours."""
         place = self._place(path)
         if not os.path.lexists(place):
             return None
@@ -139,7 +139,7 @@ class SysctlRun(ModuleRun):
         )
 
     def _wrong_mode(self) -> typing.Optional[int]:
-        """The mode of our drop-in where it stays and is not 0644; else None."""
+        """The mode of our drop-in if it stays and is not 0644; else None."""
         if None in (self.texts_before[self.drop_in], self.texts_after[self.drop_in]):
             return None
         mode, _owner = atomic.permissions(self.file)
@@ -277,7 +277,7 @@ class SysctlRun(ModuleRun):
         }
 
     def failure(self, problem: Problem) -> Data:
-        """The return values beside the sentence: those of a success, with the values that the kernel has."""
+        """The return values besides the sentence: those of a success, with the values that the kernel has."""
         for setting, item in zip(self.settings, self.items):
             item["runtime_after"] = self.kernel.look(setting.key).value
         return self.result()
@@ -302,7 +302,7 @@ class SysctlRun(ModuleRun):
             for key in kernel.changes_others_first(self.current)
             if not self.states[key].refusal
         ]
-        # What the kernel refuses while another key has its present value, it takes the second time.
+        # A value that the kernel refuses while another key has its present value is taken the second time.
         return [
             ["sh", "-c", program, "sh", self.kernel.path(key), value]
             for program in (f"{_RESTORE} 2>/dev/null || :", _RESTORE)
@@ -311,13 +311,13 @@ class SysctlRun(ModuleRun):
         ]
 
     def apply_runtime(self) -> None:
-        """Write the kernel's values alone. Raises Problem as `apply`."""
+        """Write only the kernel's values. Raises Problem as `apply`."""
         transaction.carry_out([*self.watch_steps(), self._kernel_step()], self._explain_failure)
 
     # The change
 
     def apply(self) -> None:
-        """Make everything as planned. Raises Problem; then all is as it was, or the sentence says what is not."""
+        """Make everything as planned. Raises Problem; then all is as it was, or the sentence lists the exceptions."""
         steps = [transaction.Step("leftovers of a killed run", lambda: atomic.remove_leftovers(self.file))]
         if self.changed:
             steps += [
@@ -334,7 +334,7 @@ class SysctlRun(ModuleRun):
         transaction.carry_out(steps, self._explain_failure)
 
     def _is_planned_to_go(self, item: network_state.NetworkItem) -> bool:
-        """True for what the kernel removes where IPv6 is turned off."""
+        """True for keys that the kernel removes if IPv6 is turned off."""
         off = any(write.key.endswith("/disable_ipv6") and write.value != "0" for write in self.plan.writes)
         return off and item.version == 6
 
@@ -366,7 +366,7 @@ class SysctlRun(ModuleRun):
         return Problem(text)
 
     def _restore_values(self) -> typing.List[str]:
-        """Bring every value back that the run may have changed; returns what does not come back."""
+        """Bring every value back that the run may have changed; returns the keys that do not come back."""
         enabled = [key for key, value in self.current.items() if key.endswith("/disable_ipv6") and value == "0"]
         self.lost = [boot.name_of(key) for key in enabled if self.kernel.look(key).value == "1"]
         return self.kernel.restore(self.current)
@@ -381,7 +381,7 @@ class SysctlRun(ModuleRun):
         return f"{sentence(cause)} The values are as they were before, {end} {', '.join(self.lost)}."
 
     def _write_texts(self, texts: typing.Mapping[str, typing.Optional[str]]) -> None:
-        """Give drop-ins these texts, None for no file; without our drop-in, its folders go where we made them."""
+        """Give drop-ins these texts, None for no file; without our drop-in, its folders go if we made them."""
         for path, text in texts.items():
             place, content = self._place(path), (text or "").encode("utf-8", "surrogateescape")
             if text is None:
@@ -395,7 +395,7 @@ class SysctlRun(ModuleRun):
 
 
 def _alike(value: str, current: typing.Optional[str]) -> bool:
-    """True if both texts hold whole numbers alone, equally many."""
+    """True if both texts hold only whole numbers, equally many."""
     forms = [[bool(re.fullmatch(r"-?[0-9]+", word)) for word in (text or "").split()] for text in (value, current)]
     return forms[0] == forms[1] and all(forms[0])
 

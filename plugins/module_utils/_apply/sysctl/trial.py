@@ -3,8 +3,8 @@
 
 """Whether the kernel takes values, asked of the kernel itself: they are written in an empty network namespace, which goes at once.
 
-So check mode knows what the run would find out, and nothing of the machine changes. The namespace has a user namespace of its own
-(user_namespaces(7)), so that no value has the kernel load a module. Where none can be made, as in most containers, and for
+So check mode knows the refusals of the run, and nothing of the machine changes. The namespace has a user namespace of its own
+(user_namespaces(7)), so that no value has the kernel load a module. If none can be made, as in most containers, and for
 keys outside of net, nothing is known.
 """
 
@@ -81,7 +81,7 @@ def _try_in_namespace(kernel: Kernel, wanted: Values, neighbours: Values) -> typ
 
 
 def _try_value(kernel: Kernel, key: str, value: str) -> typing.Optional[KeyState]:
-    """Write one value and read it again; None where that says nothing about it."""
+    """Write one value and read it again; None if that says nothing about it."""
     number = 0
     try:
         kernel.write(_namespace_key(key), value)

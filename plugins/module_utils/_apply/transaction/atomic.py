@@ -19,14 +19,14 @@ from ..._base.regular_files import read_regular
 
 NEIGHBOUR = ".rosfleet-new"  # and the number of the process
 _ACL = "system.posix_acl_access"
-# What the kernel computes from the content: the value of the old file would condemn the new one.
+# Attributes that the kernel computes from the content: the value of the old file would condemn the new one.
 _COMPUTED = ("security.ima", "security.evm")
 
 Attributes = typing.Dict[str, bytes]  # extended attributes (xattr(7)): ACLs, labels of SELinux, and those of users
 
 
 def read_bytes(path: str) -> typing.Optional[bytes]:
-    """Read the content of a file; None where there is no file. Raises OSError, also for what is no regular file."""
+    """Read the content of a file; None if there is no file. Raises OSError, also for a path that is no regular file."""
     try:
         return read_regular(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -47,7 +47,7 @@ def attributes(path: str) -> Attributes:
 
 
 def _keep(descriptor: int, neighbour: str, path: str, kept: Attributes) -> None:
-    """Give a new file, the open neighbour of `path`, these extended attributes. Raises OSError where one cannot be kept."""
+    """Give a new file, the open neighbour of `path`, these extended attributes. Raises OSError if one cannot be kept."""
     present = attributes(neighbour)
     if _ACL in present and _ACL not in kept:  # from the default ACL of the folder
         os.removexattr(descriptor, _ACL)
@@ -67,9 +67,9 @@ def write_by_rename(
     owner: typing.Optional[typing.Tuple[int, int]] = None,
     kept: typing.Optional[Attributes] = None,
 ) -> None:
-    """Replace a file in one step, with these permission bits and, where given, this (uid, gid).
+    """Replace a file in one step, with these permission bits and, if given, this (uid, gid).
 
-    It gets the extended attributes `kept`, by default those of the file that stands there. Raises OSError with the file
+    It gets the extended attributes `kept`, by default those of the file that is there. Raises OSError with the file
     unchanged; EBUSY means that the path is a mount point.
     """
     remove_leftovers(path)

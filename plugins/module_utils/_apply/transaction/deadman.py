@@ -82,7 +82,7 @@ class Timer:
     """A timer of systemd that runs a command once and leaves nothing behind (systemd-run(1))."""
 
     def start(self, unit: str, seconds: int, argv: typing.Sequence[str]) -> None:
-        """Run the command in so many seconds. Raises Problem where this machine cannot."""
+        """Run the command in so many seconds. Raises Problem if this machine cannot."""
         self.stop(unit)  # one of this name may be left
         command = [
             "systemd-run",
@@ -90,7 +90,7 @@ class Timer:
             "--no-ask-password",
             "--collect",
             f"--unit={unit}",
-            "--description=Take back what nobody has confirmed",
+            "--description=Take back a change that nobody has confirmed",
             f"--on-active={seconds}s",
             "--timer-property=AccuracySec=50ms",
             "--",
@@ -105,7 +105,7 @@ class Timer:
             )
 
     def stop(self, unit: str) -> None:
-        """End the timer; a timer that is not there is no error. What failed has gone by itself (--collect)."""
+        """End the timer; a timer that is not there is no error. A failed unit has gone by itself (--collect)."""
         commands.run(["systemctl", "stop", f"{unit}.timer"], limit=_LIMIT)
 
 
@@ -130,7 +130,7 @@ class Switch:
 
         The steps of `undo` go in their order, each even if an earlier one fails. `memory` is data for JSON: all that
         the confirming run has to know of the state before; `network` the network state, to compare with after a rollback.
-        Raises Problem where the switch cannot be armed; then there is none.
+        Raises Problem if the switch cannot be armed; then there is none.
         """
         try:
             self.clear()
@@ -163,14 +163,14 @@ class Switch:
             ) from problem
 
     def look(self, token: str) -> str:
-        """Return the state of the switch. Raises Problem where its script hangs.
+        """Return the state of the switch. Raises Problem if its script hangs.
 
         none         there is no switch
         armed        it has this token and waits
         rolled_back  it has this token, and the former state has come back
         other        it is armed with another token: an earlier run was broken off
         earlier      it has another token and has rolled back, and no run has reported that yet
-        confirmed    a confirming run was broken off; state()["memory"] has what it had yet to do
+        confirmed    a confirming run was broken off; state()["memory"] has its remaining work
         """
         mark = self._mark()
         deadline = time.time() + _LIMIT
@@ -184,7 +184,7 @@ class Switch:
         return {"armed": "other", "rolled_back": "earlier"}.get(mark, mark)
 
     def state(self) -> typing.Dict[str, typing.Any]:
-        """Read the data of arm(): token, seconds, connection, memory. Empty where there is no switch. Raises Problem."""
+        """Read the data of arm(): token, seconds, connection, memory. Empty if there is no switch. Raises Problem."""
         if self._mark() == "none":  # or one of root, whose folder another user cannot read
             return {}
         with explain_unreadable(""):
@@ -195,14 +195,14 @@ class Switch:
         return commands.text(self._path("failures")).splitlines()
 
     def release(self) -> bool:
-        """Keep the change: there will be no rollback. False where the script was faster, or there is no switch."""
+        """Keep the change: there will be no rollback. False if the script was faster, or there is no switch."""
         if not self._turn("armed", "confirmed"):
             return False
         self.timer.stop(self.unit)
         return True
 
     def extend(self, seconds: int) -> None:
-        """Let the way back wait for so many seconds from now on. Where that cannot be written, it comes at its earlier moment."""
+        """Let the way back wait for so many seconds from now on. If that cannot be written, it comes at its earlier moment."""
         if self.waits():
             with contextlib.suppress(OSError, ValueError, LookupError, Problem):
                 state = dict(self.state(), seconds=seconds)
@@ -214,22 +214,22 @@ class Switch:
         return self._mark() == "armed"
 
     def rearm(self) -> None:
-        """Let the way back run once more, after the end of one that has begun. Raises Problem where that one hangs."""
+        """Let the way back run once more, after the end of one that has begun. Raises Problem if that one hangs."""
         self.look("")
         self._turn("rolled_back", "armed")
 
     def roll_back_now(self) -> None:
-        """Roll back at once, also after a release. Raises Problem where the script did not run to its end."""
+        """Roll back at once, also after a release. Raises Problem if the script did not run to its end."""
         self._turn("confirmed", "armed")
         atomic.remove(self._path("until"))
         commands.run(["/bin/sh", self._path("undo.sh")], limit=_LIMIT)
-        self.look("")  # waits, where the timer was faster
+        self.look("")  # waits, if the timer was faster
         self.timer.stop(self.unit)
         if self._mark() not in ("rolled_back", "none"):
             raise Problem(f"The way back could not run: look at {self._path('undo.sh')}, and run it by hand.")
 
     def clear(self) -> None:
-        """Remove the switch: timer, script and folder, and what is left of one that was removed in part. Raises OSError."""
+        """Remove the switch: timer, script and folder, and the remains of one that was removed in part. Raises OSError."""
         if os.path.isdir(self.folder):
             self._turn("armed", "confirmed")
             self.timer.stop(self.unit)  # also that of a rollback that a person started by hand
@@ -272,12 +272,12 @@ class DeadmanGuard:
     """A module's side of the switch. The first run changes the run time, and the second run confirms it.
 
     The first run has confirm_within and a token as confirmation, the second the token only. The module's own run has
-    two methods beside those of module.ModuleRun:
+    two methods besides those of module.ModuleRun:
 
     undo_steps()      for Switch.arm
-    apply_runtime()   changes the run time alone
+    apply_runtime()   changes only the run time
 
-    Its apply() changes all that is not yet as planned: the run time, then the boot part. Both undo what they did when
+    Its apply() changes all that is not yet as planned: the run time, then the boot part. Both undo their changes when
     they fail.
     """
 
@@ -293,7 +293,7 @@ class DeadmanGuard:
     def begin(self) -> typing.Any:
         """Finish or roll back an earlier run; returns the memory of the run that is to be confirmed, or None.
 
-        Raises Problem; FormerConnection where the connection is still the one from before the change.
+        Raises Problem; FormerConnection if the connection is still the one from before the change.
         """
         if self.seconds < 0 or (self.seconds and not self.token):
             raise Problem(
@@ -314,7 +314,7 @@ class DeadmanGuard:
         return state.get("memory") if self.changed else None
 
     def apply(self, run: typing.Any) -> None:
-        """Apply the plan as far as this run may. Raises Problem, which says what is not as it was before the first run."""
+        """Apply the plan as far as this run may. Raises Problem, which lists all that is not as it was before the first run."""
         if self.state == "armed":
             if not self.switch.release():
                 self.switch.look(self.token)
@@ -327,7 +327,7 @@ class DeadmanGuard:
                 "of another play has taken it back, or the first run never got as far. It is not in force: run the play again."
             )
         run.apply()
-        with contextlib.suppress(OSError):  # the change is complete: the next run removes what is left of the switch
+        with contextlib.suppress(OSError):  # the change is complete: the next run removes the remains of the switch
             self.switch.clear()
         return None
 
@@ -352,7 +352,7 @@ class DeadmanGuard:
 
     @property
     def waits_for(self) -> int:
-        """Seconds for which the machine waits for the confirmation of this run, 0 where nothing is to be confirmed."""
+        """Seconds for which the machine waits for the confirmation of this run, 0 if nothing is to be confirmed."""
         return self.seconds if self.unconfirmed else 0
 
     def wait_at_this_pace(self, took: float) -> None:
@@ -378,7 +378,7 @@ class DeadmanGuard:
         return failures
 
     def _look(self, before: typing.Any) -> None:
-        """Compare the network state with that of before, and put back what is gone."""
+        """Compare the network state with that of before, and put back the items that are gone."""
         if before and not self.module.check_mode:
             self.lost = network_state.put_back(network_state.from_json(before), lambda item: False)[1]
 
@@ -391,7 +391,7 @@ class DeadmanGuard:
         end = (
             f", but these commands of it failed: {', '.join(failures)}: correct them by hand."
             if failures
-            else f"{_describe_state(self.lost)}: correct what is planned for this host, or reach it by a way that does not "
+            else f"{_describe_state(self.lost)}: correct the plan of this host, or reach it by a way that does not "
             "depend on it."
         )
         raise RolledBack(
@@ -433,7 +433,7 @@ class DeadmanGuard:
         return dict(result, failed=True, msg=text, unconfirmed=False, rolled_back=self.rolled_back)
 
     def give_up(self) -> str:
-        """Take back what waits for a confirmation with this token, or was taken back; returns a sentence where there is any."""
+        """Take back a change that waits for a confirmation with this token, or was taken back; returns a sentence if there is any."""
         if not self.token or self.module.check_mode or self.switch.look(self.token) not in ("armed", "rolled_back"):
             return ""
         return self._take_back(", too")
@@ -456,5 +456,5 @@ class DeadmanGuard:
 
 
 def _describe_state(lost: typing.Sequence[str], good: str = " and is as it was before") -> str:
-    """The end of a clause on a rollback: that all is well, or what is not."""
+    """The end of a clause on a rollback: that all is well, or the exceptions."""
     return f" ({explain_state(lost, '')})" if lost else good

@@ -55,7 +55,7 @@ class ManagedFiles(ModuleRun):
             self.files = files.FileBundle("files", self.bundle, options["records"], options["files"]).make_plan()
         reload = options.get("reload") or {}
         self.restarts = bool(reload.get("restart"))
-        service = reload.get("service")  # empty where this computer has no such service
+        service = reload.get("service")  # empty if this computer has no such service
         self.reloaded = ""  # the service that is to read its files again, empty for none
         if service and self.files.expect(service, lambda path: path.startswith(reload["folder"]), reload["due"]):
             self.reloaded = service
@@ -64,7 +64,7 @@ class ManagedFiles(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentences on what cannot be written here; else that on the first file that its own command refuses."""
+        """The sentences on files that cannot be written here; else that on the first file that its own command refuses."""
         obstacles = writable.obstacles(self.files.places)
         others = sorted(file.path for file in self.files.writes if file.owner not in (None, self.files.bundle.owner))
         if others and self.files.bundle.owner[0] != 0 and not obstacles:
@@ -138,7 +138,7 @@ class ManagedFiles(ModuleRun):
         return {"changed": self.files.changed} if self.unread else {}
 
     def result(self) -> Fields:
-        """The return values beside `changed`, `msg` and `diff`."""
+        """The return values besides `changed`, `msg` and `diff`."""
         return {
             "files": [
                 dict(path=item.file.path, state=item.state, mode=f"{item.file.mode:04o}") for item in self.files.items

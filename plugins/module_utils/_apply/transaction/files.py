@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Files that a bundle owns whole, and the folders made for them: what is there, the plan, and the steps of the change.
+"""Files that a bundle owns whole, and the folders made for them: the present state, the plan, and the steps of the change.
 
-A bundle's record holds for each path the fingerprint of what was written (`written`) and, while a run is at work, of
-what it is about to write (`writing`). It is saved before the first change, so a run that is killed leaves nothing on
-the machine that the next run does not know of. A path with `writing` alone is owned if it holds that content.
+A bundle's record holds for each path the fingerprint of the written content (`written`) and, while a run is at work, of
+the content that it is about to write (`writing`). It is saved before the first change, so a run that is killed leaves nothing on
+the machine that the next run does not know of. A path with only `writing` is owned if it holds that content.
 `pending` names the service that has yet to read them again.
 
-Root acts only in folders that root alone can change. Elsewhere it does not even remove its own files: a link in the
+Root acts only in folders that only root can change. Elsewhere it does not even remove its own files: a link in the
 place of a folder would lead it to another folder.
 """
 
@@ -55,13 +55,13 @@ class PlannedFile(typing.NamedTuple):
     content: bytes
     mode: int
     owner: typing.Optional[typing.Tuple[int, int]] = None  # (uid, gid), None for those that the module runs as
-    sha256: str = ""  # of the content, where only that is known: such a file is compared and never written
+    sha256: str = ""  # of the content, if only that is known: such a file is compared and never written
 
 
 class FileState(typing.NamedTuple):
-    """The thing that stands at a path."""
+    """The thing at a path."""
 
-    kind: str  # empty where nothing is there
+    kind: str  # empty if nothing is there
     content: bytes  # of a symbolic link its target; empty for a folder or a device
     mode: int
     owner: typing.Tuple[int, int]  # (uid, gid)
@@ -194,12 +194,12 @@ def _parents(path: str) -> typing.List[str]:
 
 
 def _is_plain(path: str) -> bool:
-    """Return True if a path is absolute, without '..'. For normpath alone, two slashes in front are a place of their own (POSIX)."""
+    """Return True if a path is absolute, without '..'. Only for normpath, two slashes in front are a place of their own (POSIX)."""
     return _PLAIN.fullmatch(path) is not None and os.path.normpath(path) == path
 
 
 def _fingerprint(file: PlannedFile) -> str:
-    """The mode and the digest of a planned file, and its owner where one is asked for."""
+    """The mode and the digest of a planned file, and its owner if one is asked for."""
     owner = f" {file.owner[0]}:{file.owner[1]}" if file.owner else ""
     return f"{file.mode:04o} {file.sha256 or hashlib.sha256(file.content).hexdigest()}{owner}"
 
@@ -306,7 +306,7 @@ def _folders_for(path: str) -> Step:
 
 
 def restore(path: str, before: FileState) -> None:
-    """Bring back what stood at a path. Raises OSError."""
+    """Bring back the thing that was at a path. Raises OSError."""
     if look(path) == before:  # the step has failed before it changed anything
         return
     if not before.kind:
@@ -333,7 +333,9 @@ class FileBundle:
         paths = {file.path for file in self.wanted} | set(files)
         self.unsafe = _unsafe(paths, folders)  # each with the reason
         self.states = {path: look(path) for path in paths if path not in self.unsafe}
-        self.owned: typing.Dict[str, str] = {}  # path -> what was written last, also by a run that was killed
+        self.owned: typing.Dict[
+            str, str
+        ] = {}  # path -> the content that was written last, also by a run that was killed
         for path, entry in files.items():
             if path in self.unsafe:
                 continue
@@ -345,7 +347,7 @@ class FileBundle:
     def make_plan(self) -> "FilePlan":
         """Plan the changes.
 
-        Raises OSError, and Problem with a sentence per path where something not owned is in the way.
+        Raises OSError, and Problem with a sentence per path if something not owned is in the way.
         """
         self._refuse_unsafe()
         return FilePlan(self)
@@ -354,7 +356,7 @@ class FileBundle:
         """Raise Problem with a sentence for every planned path that other users can replace."""
         _refuse(
             [
-                f"{file.path} is not written, since {self.unsafe[file.path]}; expected folders that root alone can change: choose "
+                f"{file.path} is not written, since {self.unsafe[file.path]}; expected folders that only root can change: choose "
                 "another path, or give its folders to root (chown, chmod)."
                 for file in self.wanted
                 if file.path in self.unsafe
@@ -386,7 +388,7 @@ class FileBundle:
 class FolderPlan(typing.NamedTuple):
     """The folders of a bundle, and the files in them that go although no record has them."""
 
-    before: typing.Set[str]  # those in the record that root alone can change
+    before: typing.Set[str]  # those in the record that only root can change
     made: typing.List[str]  # outermost first
     removed: typing.List[str]  # with byte-code caches, innermost first
     kept: typing.List[str]  # needed no more, and with foreign files
@@ -457,7 +459,7 @@ class FilePlan:
         notes += [f"{quote(folder)} stays, because it holds files that are not ours." for folder in self.folders.kept]
         ours = [*self.remembered.get("files", {}), *self.remembered.get("folders", [])]
         return notes + [
-            f"{path} was ours and stays, since {self.bundle.unsafe[path]}; expected folders that root alone can change: remove it by hand."
+            f"{path} was ours and stays, since {self.bundle.unsafe[path]}; expected folders that only root can change: remove it by hand."
             for path in ours
             if path in self.bundle.unsafe
         ]
@@ -466,7 +468,7 @@ class FilePlan:
 
     @property
     def places(self) -> typing.List[str]:
-        """The paths that the steps write or remove, with the record; none where nothing changes."""
+        """The paths that the steps write or remove, with the record; none if nothing changes."""
         paths = [file.path for file in self.writes] + self.removals + self.folders.rubbish
         return [*paths, self.record.path] if self.changed else []
 
@@ -475,7 +477,7 @@ class FilePlan:
         result = [removal(path, self.bundle.states[path]) for path in self.removals]
         for file in self.writes:
             result += [_folders_for(file.path), self._write(file)]
-        return [*result, Step("what is left over", self._tidy)]
+        return [*result, Step("the remains", self._tidy)]
 
     def _write(self, file: PlannedFile) -> Step:
         return Step(
@@ -501,7 +503,7 @@ class FilePlan:
     def expect(self, action: str, is_about: typing.Callable[[str], bool], due: bool = False) -> bool:
         """Return True if a action is to follow the steps: one that is due, that is about a path which changes, or that was left undone.
 
-        The record has it until `forget_pending`, also for the next run where this one fails or is killed.
+        The record has it until `forget_pending`, also for the next run if this one fails or is killed.
         """
         paths = [file.path for file in self.writes] + self.removals
         if not (due or action in self.remembered.get("pending", []) or any(map(is_about, paths))):
@@ -510,7 +512,7 @@ class FilePlan:
         return True
 
     def forget_pending(self) -> None:
-        """Save that what was pending after the steps is done. Where that fails, the next run does it once more."""
+        """Save that the work that was pending after the steps is done. If that fails, the next run does it once more."""
         with contextlib.suppress(OSError):
             self.record.save({**self.after, "pending": []})
 
@@ -533,7 +535,7 @@ class FilePlan:
 
 
 def _summary(folder: str, pairs: typing.List[Pair]) -> typing.Dict[str, str]:
-    """Count what changes below a folder; for example "3 files, 900 bytes: 1 new, 2 changed, 0 removed"."""
+    """Count the changes below a folder; for example "3 files, 900 bytes: 1 new, 2 changed, 0 removed"."""
     before = [old for old, new in pairs if old.kind]
     left = [new for old, new in pairs if new]
     changed = len(before) + len(left) - len(pairs)

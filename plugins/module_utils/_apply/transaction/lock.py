@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""One run at a time: a lock beside the records, held while a run reads, plans, changes and records.
+"""One run at a time: a lock in the folder of the records, held while a run reads, plans, changes and records.
 
 It is flock(2) on a file that only root may open. So the kernel frees it when a run is killed, and no ordinary user can hold
 it. The file goes with the run, and the next run removes the file of a killed one.
 
-Check mode takes no lock, since it makes no file. It waits for a run that works, and reads again where one began meanwhile.
+Check mode takes no lock, since it makes no file. It waits for a run that works, and reads again if one began meanwhile.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from . import atomic
 NAME = "lock"  # of the file, in the folder of the records
 WAIT = 60.0  # seconds for a run before this one
 _PAUSE = 0.05
-_VANISHING = 1.0  # seconds in which the folder may come and go with runs of others
+_VANISHING = 1.0  # seconds in which the folder may come and go with foreign runs
 _WORDS = 200  # bytes
 
 T = typing.TypeVar("T")
@@ -29,7 +29,7 @@ T = typing.TypeVar("T")
 
 @contextlib.contextmanager
 def hold(folders: typing.Iterable[str], name: str) -> typing.Iterator[typing.List[str]]:
-    """Hold the locks of these folders of records; `name` is that of the module. Raises Problem where a run does not end.
+    """Hold the locks of these folders of records; `name` is that of the module. Raises Problem if a run does not end.
 
     Gives a sentence for each folder in which no lock can be had, as on a read-only file system.
     """
@@ -49,9 +49,9 @@ def hold(folders: typing.Iterable[str], name: str) -> typing.Iterator[typing.Lis
 
 
 def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
-    """Return what `read` returns while no run holds the lock. Raises Problem as `hold`, and what `read` raises.
+    """Return the result of `read` while no run holds the lock. Raises Problem as `hold`, and the errors of `read`.
 
-    What was read while a run changed something is neither returned nor raised.
+    A result that was read while a run changed something is neither returned nor raised.
     """
     deadline = time.monotonic() + WAIT
     while True:
@@ -75,7 +75,7 @@ def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
 def _take(folder: str, name: str, deadline: float) -> typing.Tuple[int, typing.List[str]]:
     """Wait for the lock of a folder; returns its descriptor, and the folders made for it, outermost first.
 
-    Raises OSError where there can be none, Problem where a run does not end. Then nothing of it is left.
+    Raises OSError if there can be none, Problem if a run does not end. Then nothing of it is left.
     """
     path = os.path.join(folder, NAME)
     made: typing.List[str] = []
@@ -106,7 +106,7 @@ def _take(folder: str, name: str, deadline: float) -> typing.Tuple[int, typing.L
 
 
 def _free(folder: str, descriptor: int, made: typing.Sequence[str]) -> None:
-    """End a run: remove the file and what is empty then, and free the lock. The kernel does the last one in any case."""
+    """End a run: remove the file and the folders that are empty then, and free the lock. The kernel does the last one in any case."""
     with contextlib.suppress(OSError):
         path = os.path.join(folder, NAME)
         if _is_at(descriptor, path):
@@ -116,7 +116,7 @@ def _free(folder: str, descriptor: int, made: typing.Sequence[str]) -> None:
 
 
 def _remove_folders(folder: str, made: typing.Sequence[str]) -> None:
-    """Remove the folder of a lock, and those made for it, where they are empty."""
+    """Remove the folder of a lock, and those made for it, if they are empty."""
     for place in [folder, *reversed(made)]:
         with contextlib.suppress(OSError):
             atomic.remove_folder_if_empty(place)
@@ -146,7 +146,7 @@ def _wait(path: str, deadline: float) -> None:
 
 
 def _is_free(descriptor: int, kind: int, path: str, deadline: float) -> bool:
-    """Try to lock a file. False where a run holds it, after a pause; raises Problem where it has held it for too long."""
+    """Try to lock a file. False if a run holds it, after a pause; raises Problem if it has held it for too long."""
     try:
         fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
         return True
@@ -158,7 +158,7 @@ def _is_free(descriptor: int, kind: int, path: str, deadline: float) -> bool:
 
 
 def _is_at(descriptor: int, path: str) -> bool:
-    """True where the file is still that of the path: the run that held it before has removed its own."""
+    """True if the file is still that of the path: the run that held it before has removed its own."""
     try:
         return os.path.samestat(os.fstat(descriptor), os.lstat(path))
     except FileNotFoundError:

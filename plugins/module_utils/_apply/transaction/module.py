@@ -28,7 +28,7 @@ class ModuleRun:
     changed = runtime_changes = False
     #: all that the run has to know which confirms a change at run time, for JSON
     memory: Fields = {}
-    #: the network state over the change, where it may lose something of others; its step is in `watch_steps`
+    #: the network state over the change, if it may lose something foreign; its step is in `watch_steps`
     watch: typing.Optional[StateWatch] = None
 
     @property
@@ -37,7 +37,7 @@ class ModuleRun:
         return []
 
     def foresee(self) -> typing.List[str]:
-        """Try the change without a change, in check mode alone: some failures show only then.
+        """Try the change without a change, only in check mode: some failures show only then.
 
         Returns the sentences on them.
         """
@@ -50,7 +50,7 @@ class ModuleRun:
 
     @property
     def difference(self) -> typing.Any:
-        """The value of `diff`, None where `result` has it."""
+        """The value of `diff`, None if `result` has it."""
         return None
 
     def watch_steps(self) -> typing.List[Step]:
@@ -62,7 +62,7 @@ class ModuleRun:
         raise NotImplementedError
 
     def failure(self, problem: Problem) -> Fields:
-        """The return values beside `msg` where the run ends with this problem: by default those of a success."""
+        """The return values besides `msg` if the run ends with this problem: by default those of a success."""
         return self.result()
 
     def summary(self, check_mode: bool) -> str:
@@ -70,7 +70,7 @@ class ModuleRun:
         raise NotImplementedError
 
     def apply(self) -> None:
-        """Carry out the plan. Raises Problem; then everything is as it was before, or the sentence says what is not."""
+        """Carry out the plan. Raises Problem; then everything is as it was before, or the sentence lists the exceptions."""
         raise NotImplementedError
 
 
@@ -108,7 +108,7 @@ class Concern(typing.NamedTuple):
     name: str
     options: Fields  # the argument_spec of its module, without that of a confirmation
     make: Make  # its ModuleRun; only a dead-man's switch has the memory of an earlier run
-    guarded: str = ""  # what its switch guards, as in a sentence; empty where it has none
+    guarded: str = ""  # the thing that its switch guards, as in a sentence; empty if it has none
     many: bool = False  # multimaster_computer takes its options several times
     fixed: Fields = {}  # options that its place in the order of multimaster_computer decides
 
@@ -136,7 +136,7 @@ def run_module(concern: Concern) -> None:
 
 
 def run_locked(module: typing.Any, make: Make, guard: typing.Any, unlocked: typing.Iterable[str]) -> Fields:
-    """Run a module where the lock is held already; returns its result. `unlocked`: why it is not held, see lock.hold."""
+    """Run a module if the lock is held already; returns its result. `unlocked`: why it is not held, see lock.hold."""
 
     def make_run() -> ModuleRun:
         memory = guard.begin()

@@ -11,7 +11,7 @@ import typing
 
 from ..._base.problem import Problem
 
-NEW = 0o644  # what a symbolic mode begins with: the plan does not depend on what is there
+NEW = 0o644  # the start of a symbolic mode: the plan does not depend on the present mode
 _OCTAL = re.compile(r"(?:0o)?[0-7]{3,5}")
 _CLAUSE = re.compile(r"([ugoa]*)((?:[-+=](?:[ugo]|[rwxXst]*))+)")
 _CHANGE = re.compile(r"([-+=])([ugo]|[rwxXst]*)")
@@ -64,7 +64,7 @@ def _bits(rights: str, mode: int) -> int:
 def find_owner(
     path: str, owner: typing.Optional[str], group: typing.Optional[str]
 ) -> typing.Optional[typing.Tuple[int, int]]:
-    """The (uid, gid) of a file, None where neither is asked for. Raises Problem for a name that is not known here.
+    """The (uid, gid) of a file, None if neither is asked for. Raises Problem for a name that is not known here.
 
     A user without a group gets the group of the module, as every other file does.
     """

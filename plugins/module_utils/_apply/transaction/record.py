@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Records of what the modules own on a machine: one JSON file per module and purpose."""
+"""Records of the files and settings of the modules on a machine: one JSON file per module and purpose."""
 
 import contextlib
 import glob
@@ -14,7 +14,7 @@ from . import atomic
 
 RECORDS = "/var/lib/rosfleet-multimaster"
 T = typing.TypeVar("T")
-#: The form of a record: a type or several, [form] for a list, {"*": form} for an object, {"key": form} where each key
+#: The form of a record: a type or several, [form] for a list, {"*": form} for an object, {"key": form} if each key
 #: may be missing. Other keys are not checked here.
 Shape = typing.Any
 
@@ -27,7 +27,7 @@ class Record:
         self.shape = shape
 
     def load(self) -> typing.Dict[str, typing.Any]:
-        """The saved object, or an empty one. Raises Problem where the file cannot be read, or has not the record's shape."""
+        """The saved object, or an empty one. Raises Problem if the file cannot be read, or has not the record's shape."""
         try:
             content = atomic.read_bytes(self.path)
         except OSError as problem:
@@ -41,8 +41,8 @@ class Record:
             data = json.loads(content.decode("utf-8"))
         except (ValueError, RecursionError) as problem:
             raise Problem(
-                f"The record {self.path} is not readable as JSON ({problem}); expected what this module wrote there: "
-                "restore it from a backup, or remove it and what it owned by hand."
+                f"The record {self.path} is not readable as JSON ({problem}); expected the text of this module: "
+                "restore it from a backup, or remove it and its files by hand."
             ) from problem
         if not isinstance(data, dict):
             raise Problem(f"The record {self.path} holds no JSON object; remove it to start without a memory.")
@@ -54,7 +54,7 @@ class Record:
     def parse(
         self, parser: typing.Callable[[typing.Dict[str, typing.Any]], T], data: typing.Dict[str, typing.Any]
     ) -> T:
-        """The content of the record as the type of its module. Raises Problem where `parser` fails on it."""
+        """The content of the record as the type of its module. Raises Problem if `parser` fails on it."""
         try:
             return parser(data)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
@@ -62,8 +62,8 @@ class Record:
 
     def _describe_misfit(self, why: str) -> Problem:
         return Problem(
-            f"The record {self.path} does not hold what this version of the module writes ({why}); "
-            "restore it from a backup, or remove it and what it owned by hand."
+            f"The record {self.path} has not the form of this version of the module ({why}); "
+            "restore it from a backup, or remove it and its files by hand."
         )
 
     def save(self, data: typing.Dict[str, typing.Any]) -> None:
@@ -86,21 +86,21 @@ class Record:
             self.tidy()
 
     def tidy(self) -> None:
-        """Remove what a killed run left of an empty record. A file that stays is no failure."""
+        """Remove the remains of an empty record of a killed run. A file that stays is no failure."""
         with contextlib.suppress(OSError):  # a read-only root, or a folder of another user
             atomic.remove_leftovers(self.path)
             atomic.remove_folder_if_empty(os.path.dirname(self.path))
 
 
 def check_absolute(options: typing.Mapping[str, typing.Any], *names: str) -> None:
-    """Raise Problem where one of these options is no absolute path."""
+    """Raise Problem if one of these options is no absolute path."""
     for name in names:
         if not os.path.isabs(options[name]):
             raise Problem(f"{name} is {options[name]!r}, expected an absolute path.")
 
 
 def misfit(data: typing.Any, shape: Shape, place: str = "") -> str:
-    """Say where data has not a shape, or nothing."""
+    """Return the place at which data has not a shape, or nothing."""
     if isinstance(shape, list) and isinstance(data, list):
         parts = [(f"{place}[{index}]", value, shape[0]) for index, value in enumerate(data)]
     elif isinstance(shape, dict) and isinstance(data, dict):

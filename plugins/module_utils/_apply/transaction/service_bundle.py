@@ -28,7 +28,7 @@ OPTIONS = dict(
     unit_folder=dict(type="str", default=USUAL_FOLDER),
     records=dict(type="str", default=RECORDS),
 )
-# The word for what was done with a unit is that of the first of these that was.
+# The word for the change of a unit is that of the first of these that was done.
 STATES = (
     ("restart", "restarted"),
     ("follow", "restarted"),
@@ -66,7 +66,7 @@ class ManagedServices(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentences on what cannot be changed here: files, and systemd without root's rights."""
+        """The sentences on things that cannot be changed here: files, and systemd without root's rights."""
         if not self.changed:
             return []
         sentences = writable.obstacles([*self.files.places, self.files.record.path])
@@ -92,7 +92,7 @@ class ManagedServices(ModuleRun):
         return {"changed": bool(problem.left), "previous_state_is_back": not problem.left}
 
     def result(self) -> Fields:
-        """The return values beside `changed`, `msg` and `diff`."""
+        """The return values besides `changed`, `msg` and `diff`."""
         return {"units": self._items(), "removed": self.change.removed, "notes": self.files.notes}
 
     def _items(self) -> typing.List[Fields]:
@@ -124,7 +124,7 @@ class ManagedServices(ModuleRun):
                 why = f" ({item['why']})" if item["why"] else ""
                 parts.append(f"{item['name']} {be} {item['state']}{why}")
         if self.change.reload and not parts:
-            parts.append(f"systemd {be} told to read its units again")
+            parts.append(f"systemd {be} made to read its units again")
         right = sum(item["state"] == "unchanged" for item in items)
         if right or not parts:
             parts.append(f"{right} {'other ' if parts else ''}units {'are' if check_mode else 'were'} right")

@@ -50,8 +50,8 @@ class Systemd:
             raise _failure(("show", f"--property={','.join(wanted)}", "--", *names), shown.error)
         if len(shown.units) != len(names):
             raise Problem(
-                f"systemctl show told of {len(shown.units)} units, expected {len(names)} ({' '.join(names)}); "
-                "look at what it says for them."
+                f"systemctl show listed {len(shown.units)} units, expected {len(names)} ({' '.join(names)}); "
+                "look at its lines for them."
             )
         return shown.units
 
@@ -60,8 +60,8 @@ class Systemd:
         blocks = self.properties(names, units.PROPERTIES)
         states = {}
         for name, block in zip(names, blocks):
-            told = {prop: block.get(prop, "") for prop in units.PROPERTIES}
-            states[name] = units.UnitState(**told, inputs=_inputs_of(told["MainPID"]))
+            shown_properties = {prop: block.get(prop, "") for prop in units.PROPERTIES}
+            states[name] = units.UnitState(**shown_properties, inputs=_inputs_of(shown_properties["MainPID"]))
         return states
 
     def find_newer_file(self, content: str, state: units.UnitState) -> str:
@@ -96,7 +96,7 @@ class Systemd:
             raise Problem(f"The unit {name} did not {verb}{late}{self.explain(name)}")
 
     def explain(self, name: str) -> str:
-        """Say what became of a unit: its state, its exit status, and the last lines of its journal."""
+        """Describe the end of a unit: its state, its exit status, and the last lines of its journal."""
         state = self.show([name])[name]
         ended = ""
         if state.ExecMainCode == "1":  # CLD_EXITED, sigaction(2)
@@ -109,7 +109,7 @@ class Systemd:
         return f": it is {state.ActiveState} ({state.SubState}){result}{ended}.{journal}"
 
     def _journal(self, name: str, invocation: str) -> typing.List[str]:
-        """The last lines of this start; of the unit, where this start has written nothing yet."""
+        """The last lines of this start; of the unit, if this start has written nothing yet."""
         commands.run(("journalctl", "--sync"), limit=_QUICK)
         # journalctl --invocation is of systemd 257; the fields are older than all that we support.
         this_start = (f"_SYSTEMD_INVOCATION_ID={invocation}", "+", f"INVOCATION_ID={invocation}")
@@ -151,7 +151,7 @@ def _is_newer(path: str, start: float) -> bool:
 def state_directories(properties: systemd.Properties) -> typing.Tuple[typing.List[str], typing.List[str]]:
     """The folders that systemd makes for a unit with these properties, and the parents it may make for them; pure.
 
-    With DynamicUser= the folder stands below `private`, with a symbolic link to it at its usual place.
+    With DynamicUser= the folder is below `private`, with a symbolic link to it at its usual place.
     """
     paths, parents = [], set()
     for prop, base in _DIRECTORIES:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Steps of a change: done in their order, and undone in the reverse order where one of them fails.
+"""Steps of a change: done in their order, and undone in the reverse order if one of them fails.
 
-A change that has a record begins with the step `intent`, which saves what is about to happen. So a run that is killed
-leaves nothing on the machine that the next run does not know of. It ends with the step `outcome`, which saves what is
+A change that has a record begins with the step `intent`, which saves the planned change. So a run that is killed
+leaves nothing on the machine that the next run does not know of. It ends with the step `outcome`, which saves the state that is
 owned from then on:
 
     carry_out([intent(record, planned, before), Step("/etc/example", write, restore), outcome(record, after)])
@@ -27,7 +27,7 @@ def do_nothing() -> None:
 class Step(typing.NamedTuple):
     """One step of a change."""
 
-    what: str  # names the step in the sentence that says what could not be undone
+    what: str  # names the step in the sentence on a failed undo
     do: typing.Callable[[], typing.Any]  # raises OSError, ValueError or Problem
     #: brings the state from before back, also after half of `do`; raises as `do`, or returns a sentence per failure
     undo: typing.Callable[[], typing.Optional[typing.List[str]]] = do_nothing
@@ -44,7 +44,7 @@ class StepFailure(Problem):
         self.left = left  # a text for everything that could not be undone
 
 
-#: The cause and what is left, to the text of a StepFailure.
+#: The cause and the remains, to the text of a StepFailure.
 Explain = typing.Callable[[Exception, typing.List[str]], str]
 
 
@@ -57,18 +57,18 @@ class Unseen(Sentence):
 
 
 def explain_failure(cause: Exception, left: typing.List[str]) -> str:
-    """Return the sentence of the cause, followed by what was undone."""
+    """Return the sentence of the cause, followed by the steps that were undone."""
     return f"{sentence(cause)} {explain_state(left, 'Everything is as it was before.')}"
 
 
 def explain_state(left: typing.Sequence[str], good: str) -> str:
-    """Return the sentences on the state after an undo; `good` where nothing is left."""
+    """Return the sentences on the state after an undo; `good` if nothing is left."""
     names = [text for text in left if not isinstance(text, Sentence)]
     sentences = [f"Not put back: {', '.join(names).rstrip('.')}."] if names else []
     sentences += [text for text in left if isinstance(text, Sentence) and not isinstance(text, Unseen)]
     unseen: typing.List[str] = [text for text in left if isinstance(text, Unseen)]
     if unseen and not sentences:
-        sentences = ["What could be looked at is as it was before."]
+        sentences = ["All that could be looked at is as it was before."]
     return " ".join(sentences + unseen) or good
 
 
@@ -99,9 +99,9 @@ def undo(steps: typing.Sequence[Step]) -> typing.List[str]:
 
 
 def intent(record: Record, data: Data, before: Data, failure: str = "{what} ({reason})") -> Step:
-    """The step that saves what is about to happen, before the first change.
+    """The step that saves the planned change, before the first change.
 
-    Its undo saves what the record held `before`, unless something could not be undone: then the next run needs the
+    Its undo saves the record of `before`, unless something could not be undone: then the next run needs the
     intent to repair it.
     """
     save, restore = (functools.partial(record.save, content) for content in (data, before))
@@ -109,5 +109,5 @@ def intent(record: Record, data: Data, before: Data, failure: str = "{what} ({re
 
 
 def outcome(record: Record, after: Data) -> Step:
-    """The step that saves what is owned after the last change; an undo of it is that of `intent`."""
+    """The step that saves the owned items after the last change; an undo of it is that of `intent`."""
     return Step(record.path, lambda: record.save(after))

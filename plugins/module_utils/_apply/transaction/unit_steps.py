@@ -19,14 +19,14 @@ from .systemctl import Systemd
 from .transaction import Data, Step, do_nothing, intent
 
 SWITCHES = ("disable", "enable", "reenable")  # verbs of systemctl
-SETTLE = 1.0  # seconds in which a service that dies at once does so, where it does not say when it is up
+SETTLE = 1.0  # seconds in which a service that dies at once does so, if it does not say when it is up
 
 
 class UnitSteps:
-    """The units of a bundle: their plan, with that of their files, its steps, and what becomes known meanwhile."""
+    """The units of a bundle: their plan, with that of their files, its steps, and the facts that become known meanwhile."""
 
     def __init__(self, systemd: Systemd, bundle: FileBundle, wanted: typing.List[units.Unit]) -> None:
-        """Ask systemd, and plan. Raises OSError, and Problem where something that is not ours is in the way."""
+        """Ask systemd, and plan. Raises OSError, and Problem if something that is not ours is in the way."""
         self.systemd, self.wanted = systemd, wanted
         self.names = [unit.name for unit in wanted]
         self.former = [name for name in bundle.remembered.get("units", []) if name not in self.names]
@@ -44,7 +44,7 @@ class UnitSteps:
         self._removals = self.actions[: len(self.removed)]
         self._updates = self.actions[len(self.removed) :]
         self.memory = self._make_memory()
-        self._all_names = self.removed + self.names  # what others depend on first
+        self._all_names = self.removed + self.names  # units on which others depend come first
         self._new_directories: typing.Dict[str, typing.List[str]] = {}
         self._new_parents: typing.List[str] = []
         self._restarted = False  # this run has restarted a unit that others may follow
@@ -52,19 +52,19 @@ class UnitSteps:
     def _ask(self) -> typing.Dict[str, units.UnitState]:
         """The states of the planned and the former units."""
         return {
-            # systemd tells the state of before where a run was killed after it had removed the file.
+            # systemd reports the state of before if a run was killed after it had removed the file.
             name: state if os.path.lexists(state.FragmentPath) else state._replace(UnitFileState="")
             for name, state in self.systemd.show(self.names + self.former).items()
         }
 
     @property
     def reload(self) -> bool:
-        """True where systemd is to read the files of units again."""
+        """True if systemd is to read the files of units again."""
         return self.files.changed or any(state.NeedDaemonReload == "yes" for state in self.before.values())
 
     @property
     def has_changes(self) -> bool:
-        """True where a unit or a file changes, or the record of them."""
+        """True if a unit or a file changes, or the record of them."""
         return bool(self.reload or self.former or any(action.run or action.switch for action in self.actions))
 
     def _plan_actions(self, pending: typing.Set[str]) -> typing.List[units.Action]:
@@ -91,7 +91,7 @@ class UnitSteps:
             *self.files.steps(),
             Step("the new units", self._load, self._stop_new),
             Step("the started units", self._start),
-            Step("what systemd keeps of removed units", self._clean),
+            Step("the remains of removed units in systemd", self._clean),
             Step(self.files.record.path, self._settle),
         ]
 
@@ -117,7 +117,7 @@ class UnitSteps:
         self._switch(self._removals)
 
     def _load(self) -> None:
-        """Enable or disable the planned units, let systemd read all files once, and check before any start what it took."""
+        """Enable or disable the planned units, let systemd read all files once, and check before any start that it took them."""
         self._switch(self._updates)
         if self.reload or any(action.switch for action in self.actions):
             self.systemd.call("daemon-reload")
@@ -128,7 +128,7 @@ class UnitSteps:
                 why = ": ".join(filter(None, [state.LoadState, quote(state.LoadError, LINE)]))
                 raise Problem(
                     f"systemd does not accept the content of {name} ({why}); "
-                    "correct it, systemd-analyze verify tells more."
+                    "correct it, systemd-analyze verify shows more."
                 )
             path = self.paths[name]
             if os.path.realpath(state.FragmentPath) != os.path.realpath(path):
@@ -182,7 +182,7 @@ class UnitSteps:
                 self.systemd.call(verb, "--no-reload", "--", *names)
 
     def _restart(self, name: str, invocation: str) -> None:
-        """Restart a unit whose present process is this invocation; only wait where systemd is already at it."""
+        """Restart a unit whose present process is this invocation; only wait if systemd is already at it."""
         if self._restarted:
             # A start joins the restart that PartOf= and the like have begun; a second restart would repeat it.
             self.systemd.bring("start", name)
@@ -192,7 +192,7 @@ class UnitSteps:
         self._restarted = True
 
     def _check_up(self, names: typing.Container[str]) -> None:
-        """Raise Problem where a unit that is planned to run does not, or one of those started now has ended since."""
+        """Raise Problem if a unit that is planned to run does not, or one of those started now has ended since."""
         for unit in self.wanted:
             state = self.after[unit.name]
             if unit.started and state.ActiveState not in units.UP:
@@ -204,7 +204,7 @@ class UnitSteps:
                 )
 
     def _clean(self) -> None:
-        """Remove what systemd keeps of the removed units: failures, and the folders that it made for them."""
+        """Remove the remains of the removed units in systemd: failures, and the folders that it made for them."""
         self.systemd.try_call("reset-failed", *self.removed)
         directories = self.memory["directories"]
         in_use = {path for name in self.names for path in directories.get(name, ())}
@@ -225,7 +225,7 @@ class UnitSteps:
                 self.systemd.try_call("disable", name)
 
     def _bring_back(self) -> typing.List[str]:
-        """Let systemd read the former files, and enable and run what was enabled and ran; returns the failures."""
+        """Let systemd read the former files, and enable and run the units that were enabled and ran; returns the failures."""
         failures: typing.List[str] = []
 
         def attempt(function: typing.Callable[..., typing.Any], *arguments: typing.Any) -> typing.Any:

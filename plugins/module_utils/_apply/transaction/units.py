@@ -37,7 +37,7 @@ class Unit(typing.NamedTuple):
 
 
 class UnitState(typing.NamedTuple):
-    """The state of a unit, in the words of `systemctl show`, and the inputs of its running process. What is not known is empty."""
+    """The state of a unit, in the words of `systemctl show`, and the inputs of its running process. Unknown values are empty."""
 
     Id: str = ""
     LoadState: str = ""
@@ -114,7 +114,7 @@ def restart_partners(content: str) -> typing.Set[str]:
 
 
 def check(units: typing.List[Unit], states: typing.Dict[str, UnitState], owned: typing.Container[str]) -> None:
-    """Raise Problem, with a sentence per unit, where a planned unit is masked or has a file that is not owned; pure."""
+    """Raise Problem, with a sentence per unit, if a planned unit is masked or has a file that is not owned; pure."""
     problems = []
     for unit in units:
         state = states[unit.name]
@@ -161,7 +161,7 @@ def plan_actions(
 def _removal(name: str, state: UnitState, pending: bool) -> Action:
     """The action for a unit that is no longer listed."""
     run = "" if state.ActiveState in ("inactive", "failed") else "stop"
-    # Where a run was killed before systemd read its files again, systemd tells the state of before.
+    # If a run was killed before systemd read its files again, systemd reports the state of before.
     switch = "disable" if state.UnitFileState in ENABLED or (pending and state.UnitFileState) else ""
     return Action(name, switch, run, "it is no longer listed")
 

@@ -20,7 +20,7 @@ _FLAGS = ((0x10, "immutable"), (0x20, "append-only"))  # chattr(1) has their fir
 
 
 def obstacle(path: str, in_place: bool = False) -> str:
-    """Say why no file can be written, replaced or removed at this path, and what to do; empty where one can be.
+    """Say why no file can be written, replaced or removed at this path, and the remedy; empty if one can be.
 
     With `in_place`, a writable file in a folder that is not writable is enough.
     """
@@ -40,7 +40,7 @@ def obstacle(path: str, in_place: bool = False) -> str:
 
 
 def _path_obstacle(path: str, folder: str) -> str:
-    """Say why this path is no place for a file that is replaced; empty where it is one."""
+    """Say why this path is no place for a file that is replaced; empty if it is one."""
     longest = _longest_name(folder)
     if len(os.fsencode(os.path.basename(path))) > longest:
         return (
@@ -55,7 +55,7 @@ def _path_obstacle(path: str, folder: str) -> str:
 
 
 def _folder_obstacle(folder: str) -> str:
-    """Say why nothing can be written in a folder; empty where it can, or where it is none."""
+    """Say why nothing can be written in a folder; empty if it can, or if it is no folder."""
     if not os.path.isdir(folder) or os.access(folder, os.W_OK | os.X_OK):
         return ""
     if os.statvfs(folder).f_flag & os.ST_RDONLY:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The time services of this machine: those that somebody has configured, and the state of chrony. Nothing is changed."""
+"""The time services of this machine: the user-managed ones, and the state of chrony. Nothing is changed."""
 
 import glob
 import os
@@ -18,11 +18,11 @@ from .sources import time_sources
 
 UNIT = "chrony.service"
 CHRONYD = "/usr/sbin/chronyd"
-# What the collection writes for chrony.
+# The collection's files for chrony.
 OURS = ("/etc/chrony/rosfleet-multimaster.conf", f"/etc/systemd/system/{UNIT}.d/rosfleet-multimaster.conf")
 _CAP_SYS_TIME = 25  # capabilities(7)
 _STOCK = "/etc/chrony/chrony.conf", "/usr/share/chrony/chrony.conf"  # in use, and as the package has it
-_MOST = 20  # configurations that are told
+_MOST = 20  # configurations that are listed
 
 
 class TimeServiceFiles(typing.NamedTuple):
@@ -34,7 +34,7 @@ class TimeServiceFiles(typing.NamedTuple):
 
 
 _SERVERS = re.compile(r"\s*(?:server|servers|pool|peer|refclock|local|initstepslew)\b.*", re.IGNORECASE)
-# The package's own files of timesyncd (systemd's in /usr/lib, and what is commented out) are nobody's configuration. Who has
+# The package's own files of timesyncd (systemd's in /usr/lib, and lines that are commented out) are no user's configuration. Who has
 # installed ntpd or openntpd has chosen it, with whatever servers.
 _CHRONY = TimeServiceFiles(
     UNIT, ("/etc/chrony/conf.d/*.conf", "/etc/chrony/sources.d/*.sources"), re.compile(r"\s*[^\s#!;%].*")
@@ -68,7 +68,7 @@ _PROPERTIES = ("Id", "LoadState", "UnitFileState", "ActiveState", "StateChangeTi
 
 
 def clock(root: str = "/") -> typing.Dict[str, typing.Any]:
-    """Read who may set the clock, whether chrony is there, the time services that somebody has configured, and whom they follow."""
+    """Read who may set the clock, whether chrony is there, the user-managed time services, and their sources."""
     services = list(dict.fromkeys(dialect.service for dialect in DIALECTS))
     states = systemd.states(services, _PROPERTIES)
     loaded = {service: state for service, state in zip(services, states) if state.get("LoadState") == "loaded"}
@@ -97,7 +97,7 @@ def _others(root: str, loaded: typing.Collection[str]) -> typing.Iterator[typing
 
 
 def _lines(root: str, dialect: TimeServiceFiles) -> typing.Iterator[typing.Dict[str, str]]:
-    """Yield the lines of a service that name a source of time; those of chrony's own file, if somebody has edited it."""
+    """Yield the lines of a service that name a source of time; those of chrony's own file, if a person has edited it."""
     paths = [path for pattern in dialect.files for path in sorted(glob.glob(os.path.join(root, pattern[1:])))]
     if dialect is _CHRONY:
         used, packaged = (text(os.path.join(root, path[1:])) for path in _STOCK)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The sources of time of this computer, as its time service tells them."""
+"""The sources of time of this computer, as its time service reports them."""
 
 import ipaddress
 import re
@@ -12,7 +12,7 @@ from ..._base.commands import run
 
 _PAUSE = 1.0  # seconds
 LAST = 0b1111  # the bits of the last four requests
-MOST = 32  # sources that are told
+MOST = 32  # sources that are listed
 _SECONDS = re.compile(r"[+-]?\d{1,12}(?:\.\d{1,12})?(?:e[+-]?\d{1,2})?")
 
 Source = typing.Dict[str, typing.Any]
@@ -20,7 +20,7 @@ Row = typing.Tuple[str, bool, bool, typing.Optional[float]]  # address, selected
 
 
 class TimeService(typing.NamedTuple):
-    """A time service: its name, the command that tells its sources, and the function that reads the answer."""
+    """A time service: its name, the command that lists its sources, and the function that reads the answer."""
 
     name: str
     command: typing.Tuple[str, ...]
@@ -51,7 +51,7 @@ def read_chrony(output: str) -> typing.List[Row]:
     """Read the sources and the tracking of chronyc(1).
 
     A source: mode, state, address, stratum, poll, reach, last answer, offset of the corrected clock, ... The tracking: id, address,
-    stratum, time, what the system's clock is still to be corrected by, ... That is added: chronyd corrects it slowly, or never (-x).
+    stratum, time, the pending correction of the system's clock, ... That is added: chronyd corrects it slowly, or never (-x).
     """
     rows = [line.split(",") for line in output.splitlines()]
     rest = next((read_number(row[4]) for row in rows if len(row) == 14), None) or 0.0

@@ -11,7 +11,7 @@ from ..._probe.facts.part import FactPart
 
 
 def tunnel(root: str = "/") -> typing.Dict[str, bool]:
-    """Say whether the kernel has WireGuard, and whether there is a device for tunnels of programs (modules.dep(5))."""
+    """Return if the kernel has WireGuard, and if there is a device for tunnels of programs (modules.dep(5))."""
     modules = os.path.join(root, "lib/modules", os.uname().release)
     known = (text(os.path.join(modules, name), 1 << 24) for name in ("modules.dep", "modules.builtin"))
     loaded = os.path.isdir(os.path.join(root, "sys/module/wireguard"))

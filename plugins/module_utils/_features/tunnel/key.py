@@ -3,7 +3,7 @@
 
 """The private key of this computer, made here. Only its public half leaves it.
 
-A new key waits beside the one that is in use, until the tunnel with it was confirmed (run.py). So a way back has the key of before.
+A new key waits next to the one that is in use, until the tunnel with it was confirmed (run.py). So a way back has the key of before.
 """
 
 import os
@@ -40,7 +40,7 @@ class TunnelKey(ModuleRun):
 
     @property
     def refusals(self) -> typing.List[str]:
-        """The sentence on a place where no key can be written."""
+        """The sentence on a place in which no key can be written."""
         return writable.obstacles([self.path + NEXT]) if self.changed else []
 
     def apply(self) -> None:
@@ -59,16 +59,16 @@ class TunnelKey(ModuleRun):
         self.public = public
 
     def result(self) -> Fields:
-        """The return values beside `changed` and `msg`. In check mode a new key is not known yet."""
+        """The return values besides `changed` and `msg`. In check mode a new key is not known yet."""
         return {"public_key": self.public, "waiting_key": self.waiting}
 
     def summary(self, check_mode: bool) -> str:
-        """One sentence on what was done."""
+        """One sentence on the change."""
         return f"The key {'would be' if check_mode else 'was'} made." if self.changed else "The key was there."
 
 
 def list_keys(path: str) -> typing.List[str]:
-    """List all files with private keys of the tunnel: the one in use, one that waits, and what a killed writer left."""
+    """List all files with private keys of the tunnel: the one in use, one that waits, and those of a killed writer."""
     found = [path, path + NEXT, *atomic.leftovers(path), *atomic.leftovers(path + NEXT)]
     return [name for name in found if os.path.lexists(name) and not (os.path.isdir(name) and not os.path.islink(name))]
 
@@ -79,22 +79,22 @@ def publish(path: str) -> str:
 
 
 def _is_there(path: str) -> bool:
-    """Return True if a key is there. Raises OSError, and Problem where others than root may read or replace it."""
+    """Return True if a key is there. Raises OSError, and Problem if others than root may read or replace it."""
     try:
         state = os.lstat(path)
     except FileNotFoundError:
         return False
     if not stat.S_ISREG(state.st_mode) or state.st_uid != os.geteuid() or state.st_mode & 0o077:
         raise Problem(
-            f"{quote(path, LINE)} is no file that its owner alone may read (mode {stat.S_IMODE(state.st_mode):04o}, owner "
-            f"{state.st_uid}); expected the key of the tunnel with the mode 0600 and the owner {os.geteuid()}: somebody else may "
+            f"{quote(path, LINE)} is no file that only its owner may read (mode {stat.S_IMODE(state.st_mode):04o}, owner "
+            f"{state.st_uid}); expected the key of the tunnel with the mode 0600 and the owner {os.geteuid()}: another user may "
             "know it, so remove it, and run site.yml with -e tunnel_rotate=true. Nothing was changed."
         )
     return True
 
 
 def _run_wg(word: str, given: bytes) -> str:
-    """Run a command of wg(8) that reads and writes keys alone; what it says of an error has no key in it. Raises Problem."""
+    """Run a command of wg(8) that only reads and writes keys; its messages have no key in them. Raises Problem."""
     answer = commands.run(["wg", word], given=given)
     if answer.status != 0:
         reason = quote(answer.error, LINE) or f"status {answer.status}"

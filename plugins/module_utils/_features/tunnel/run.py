@@ -3,7 +3,7 @@
 
 """One run of the concern tunnel: its files, tried under the dead-man's switch before they are written.
 
-On trial, the tunnel is up by copies of the new files in a folder of /run, and by a new key that waits beside the one in use. Without a
+On trial, the tunnel is up by copies of the new files in a folder of /run, and by a new key that waits next to the one in use. Without a
 confirmation its unit starts again by the files and the key of before. The run that confirms writes the files and takes the key into use,
 and the unit starts by them. All keys go with the last file.
 """
@@ -51,25 +51,25 @@ class TunnelRun(file_bundle.ManagedFiles):
         super().__init__({**options, "bundle": "tunnel", "brief": []})
         self._left = [] if options["files"] else key.list_keys(key.KEY)
         self._waits = bool(options["files"]) and self._is_next_planned()
-        # What goes by the interface comes and goes with it.
+        # Routes by the interface come and go with it.
         self.watch = network_state.StateWatch(lambda item: item.device == INTERFACE, filtered=True)
         self._lost = not self.changed and bool(options["files"]) and not confirms and self._has_lost()
         self.changed = self.runtime_changes = self.changed or bool(self._left) or self._waits or self._lost
 
     def _has_lost(self) -> bool:
-        """Return True if somebody has taken the interface from under the unit."""
+        """Return True if another program or a person has taken the interface from under the unit."""
         return _runs() and commands.run(["ip", "link", "show", "dev", INTERFACE]).status != 0
 
     def result(self) -> typing.Dict[str, typing.Any]:
-        """The return values beside `changed`, `msg` and `diff`."""
+        """The return values besides `changed`, `msg` and `diff`."""
         return {name: value for name, value in super().result().items() if name in ("files", "removed")}
 
     def undo_steps(self) -> typing.List[typing.List[str]]:
-        """Return what brings the tunnel of before back: the unit by its own files, or none."""
+        """Return the step that brings the tunnel of before back: the unit by its own files, or none."""
         return [_END, *([["systemctl", "restart", UNIT]] if _runs() else []), ["rm", "-rf", FOLDER]]
 
     def apply_runtime(self) -> None:
-        """Bring the tunnel up by the new files, or end it where there are none. Raises Problem."""
+        """Bring the tunnel up by the new files, or end it if there are none. Raises Problem."""
         if not self.options["files"]:
             commands.run(_END)  # there may be none
             return
@@ -85,7 +85,7 @@ class TunnelRun(file_bundle.ManagedFiles):
         answer = commands.run([*_TRIAL, f"{FOLDER}/{INTERFACE}.conf"], limit=_LIMIT)
         if answer.status != 0:
             reason = quote(answer.last_error, LINE) or f"status {answer.status}"
-            remedy = "".join(map(_free, self._find_holders())) or "look at what wg-quick says."
+            remedy = "".join(map(_free, self._find_holders())) or "read the message of wg-quick."
             for command in way_back:
                 commands.run(command, limit=_LIMIT)
             state = "cannot be brought back" if self._has_lost() else "is as it was before"
@@ -124,7 +124,7 @@ class TunnelRun(file_bundle.ManagedFiles):
 
 
 def _free(holder: typing.Mapping[str, typing.Any]) -> str:
-    """Say what to do about the holder of the port. A socket without a process is the kernel's, as of another WireGuard."""
+    """Return the remedy against the holder of the port. A socket without a process is the kernel's, as of another WireGuard."""
     who = (
         f"{quote(holder['command'], LINE)} (pid {holder['pid']})" if holder["pid"] else "another interface of WireGuard"
     )

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The tunnel of this computer as WireGuard tells it. The words that are asked for have no private key (wg(8))."""
+"""The tunnel of this computer as WireGuard shows it. The words that are asked for have no private key (wg(8))."""
 
 import re
 import time
@@ -11,7 +11,7 @@ from ..._base.commands import run, text
 from ..._machine import network
 
 INTERFACE = "multimaster0"
-MOST = 1000  # peers that are told
+MOST = 1000  # peers that are listed
 LISTENS = 9.0  # seconds at most: three keepalives, or a handshake that is tried again after 5 s
 # Seconds that a session lasts without another handshake, and those after which its loss at the other end is noticed: 15 s, and a handshake.
 SESSION, NOTICED = 180.0, 17.0
@@ -62,7 +62,7 @@ def wait_for_sessions(before: typing.Mapping[str, int]) -> None:
 
 
 def count_received() -> typing.Dict[str, int]:
-    """Count the bytes that have come from each peer: {public key: bytes}; empty where there is no tunnel."""
+    """Count the bytes that have come from each peer: {public key: bytes}; empty if there is no tunnel."""
     numbers = {peer: line.partition("\t")[0] for peer, line in _read("transfer").items()}
     return {peer: int(number) if _NUMBER.fullmatch(number) else 0 for peer, number in numbers.items()}
 
@@ -80,7 +80,7 @@ def _listen(before: typing.Mapping[str, int], wanted: typing.AbstractSet[str], l
 
 
 def _ask(word: str) -> str:
-    """Ask wg for one thing; empty where it does not answer."""
+    """Ask wg for one thing; empty if it does not answer."""
     answer = run(["wg", "show", INTERFACE, word])
     return answer.text.strip() if answer.status == 0 else ""
 
@@ -98,7 +98,7 @@ def _list_beside(allowed: str) -> typing.List[str]:
 
 
 def _measure_carrier(endpoint: str) -> int:
-    """Return the MTU of the interface that leads to a peer; 0 where no route does."""
+    """Return the MTU of the interface that leads to a peer; 0 if no route does."""
     return _read_mtu(network.route_to(endpoint.rpartition(":")[0]).device or "")
 
 
@@ -108,7 +108,7 @@ def _read_mtu(interface: str) -> int:
 
 
 def _measure_age(moment: str, now: float) -> typing.Optional[float]:
-    """Return the seconds since a handshake; None where there was none. A clock that went back makes no age below 0."""
+    """Return the seconds since a handshake; None if there was none. A clock that went back makes no age below 0."""
     if not _NUMBER.fullmatch(moment) or int(moment) == 0:
         return None
     return round(max(0.0, now - int(moment)), 1)

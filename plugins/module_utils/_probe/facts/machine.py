@@ -37,7 +37,7 @@ def table(number: int) -> typing.List[typing.Dict[str, typing.Any]]:
 
 
 def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Describe the roscores; what speaks with them is imported here alone, since the start of a module is its imports."""
+    """Describe the roscores; the client for them is imported only here, since the start of a module is its imports."""
     from ..ros_client import facts
 
     return facts.masters(wanted)
@@ -96,7 +96,7 @@ def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.An
 
 
 def wrong(parameters: typing.Dict[str, typing.Any]) -> str:
-    """Say in one sentence which option cannot be used; empty where all can."""
+    """Name in one sentence the option that cannot be used; empty if all can."""
     ports_of_none = [str(entry["port"]) for entry in parameters["ports"] if not 1 <= entry["port"] <= 65535]
     return (
         f"The option ports has {', '.join(ports_of_none)}; expected numbers from 1 to 65535." if ports_of_none else ""

@@ -3,7 +3,7 @@
 
 """When files and services of this computer were changed or started that may decide its names and its packet filter.
 
-A kernel does not tell since when a rule is there. Who has made it is told by its table and its chain (_verify/diagnose/onset.py of the controller).
+A kernel does not report since when a rule is there. Its table and its chain show its maker (_verify/diagnose/onset.py of the controller).
 """
 
 import glob
@@ -16,7 +16,7 @@ from ..._base import commands
 from ..._contract.computer import RecentChange
 from ..._machine import systemd
 
-# about -> the files that decide it; the one that was changed last is told.
+# about -> the files that decide it; the one that was changed last is reported.
 FILES = {
     "names": ("/etc/hosts",),
     "order": ("/etc/nsswitch.conf",),
@@ -38,7 +38,7 @@ Row = typing.Dict[str, str]
 
 
 def changes(root: str = "/") -> typing.List[Row]:
-    """Tell what was changed when: files by their content, services that filter packets by their start."""
+    """List the changes with their times: files by their content, services that filter packets by their start."""
     found = [
         _row(about, path, "was changed", format_time(when))
         for about, patterns in FILES.items()
@@ -62,7 +62,7 @@ def _row(about: str, what: str, how: str, when: str) -> Row:
 
 
 def tables(root: str = "/") -> typing.List[Row]:
-    """Tell of each table of nftables when the file was changed that makes it at boot."""
+    """List for each table of nftables the last change of the file that makes it at boot."""
     return [
         _row(f"table {family or 'ip'} {name}", path, "was changed", format_time(when))
         for when, path in list_files(NFTABLES_FILES, root)
@@ -88,7 +88,7 @@ def format_time(when: float) -> str:
 
 
 def carrier(interface: str) -> str:
-    """Return the last line of the journal of this start about the link of an interface; empty where there is none."""
+    """Return the last line of the journal of this start about the link of an interface; empty if there is none."""
     pattern = rf"\b{re.escape(interface)}\b.*(link|carrier|disconnect|deauth)"
     argv = ["journalctl", "-b", "-q", "--no-pager", "-o", "short-iso", "-n", "1", "--grep", pattern]
     lines = commands.run(argv, limit=LOG).text.splitlines()

@@ -3,7 +3,7 @@
 
 """The computers that answer for an address on these networks. Two answers mean one address twice (RFC 826, RFC 5227).
 
-A question from 0.0.0.0 changes no table. Every computer with the address answers, while the kernel takes the first answer alone.
+A question from 0.0.0.0 changes no table. Every computer with the address answers, while the kernel takes only the first answer.
 """
 
 import fcntl
@@ -61,7 +61,7 @@ def gateways(table: str) -> typing.List[str]:
 
 
 def ask(wanted: typing.Sequence[Question]) -> Answers:
-    """Send the questions, and collect the hardware addresses of all who answer; empty where this is not allowed here."""
+    """Send the questions, and collect the hardware addresses of all who answer; empty if this is not allowed here."""
     answers: Answers = {question: [] for question in wanted}
     try:
         link = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(ARP))
@@ -92,7 +92,7 @@ def question(mac: bytes, address: str) -> bytes:
 
 
 def answer(message: bytes) -> typing.Optional[typing.Tuple[str, str]]:
-    """Read the address and the hardware address out of an answer; None where it is none."""
+    """Read the address and the hardware address out of an answer; None if it is none."""
     found = read_arp(message)
     return (found.sender, found.mac) if found and found.kind == REPLY else None
 

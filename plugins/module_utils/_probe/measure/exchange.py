@@ -14,7 +14,7 @@ import xmlrpc.client
 from ..._base.deadlines import call_all
 from ..._base.foreign import last_line
 from ..._base.plain_text import plain
-from ..._base.problem import tell_reason
+from ..._base.problem import explain_error
 from ..._contract.outcomes import Outcome
 from ..._contract.ros import Exchange, UnreachedNode
 from ..._machine import network
@@ -83,7 +83,7 @@ def _add_sums(ros: Ros, topics: typing.List[typing.Dict[str, typing.Any]]) -> ty
 
 
 def _resolve(rows: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Add what the hosts of nodes mean here: a name that the plan does not have may lead to its computer all the same."""
+    """Add the addresses of nodes' hosts, as looked up here: a name that the plan does not have may lead to its computer all the same."""
     names = sorted({row["host"] for row in rows if not network.is_address(row["host"])})
     found = dict(zip(names, call_all(network.resolve, names, NAMES, lambda name: ([], ""))))
     return [dict(row, addresses=found.get(row["host"], ([], ""))[0]) for row in rows]
@@ -120,7 +120,7 @@ def _look_up(ros: Ros, method: str, names: typing.List[str]) -> typing.Dict[str,
         answers = server(ros.uri, STATE).system.multicall(calls)
         return {name: str(answer[0][2]) for name, answer in zip(names, answers) if answer[0][0] == 1}
     except (OSError, xmlrpc.client.Error, LookupError, TypeError) as problem:
-        raise OSError(f"{ros.uri}: {tell_reason(problem)}") from problem
+        raise OSError(f"{ros.uri}: {explain_error(problem)}") from problem
 
 
 def _service_uris(ros: Ros, nodes: typing.Dict[str, str], services: Names) -> typing.Dict[str, str]:
@@ -150,7 +150,7 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
         pass  # another implementation
     own = node_services.find_own(ros.uri, CALLER, services, node_services.SYNC_INFO)
     if not own:
-        raise OSError(f"{ros.uri}: no master_sync tells what it has registered")
+        raise OSError(f"{ros.uri}: no master_sync reports its registrations")
     found: typing.Dict[str, typing.Dict[str, str]] = {}
     for host in tcpros.call_by_name(ros.uri, own[0], tcpros.GET_SYNC_INFO, CALLER)[0]:
         nodes = found.setdefault(host["masteruri"], {})
@@ -164,7 +164,7 @@ def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str,
     try:
         output, error = ros.run_python(inspect.getsource(message_types), TYPES, json.dumps(types))
     except OSError as problem:
-        return {}, plain(tell_reason(problem)), classify_error(problem)[0]
+        return {}, plain(explain_error(problem)), classify_error(problem)[0]
     sums = last_line(output.encode())
     return sums if _are_texts(sums) else {}, error, Outcome.FAILED if error else Outcome.ANSWERED
 
@@ -205,9 +205,9 @@ def _connections(
     found, silent = [], {}
     lengths: typing.Counter[str] = collections.Counter()  # robot -> characters of the connections with it
     answers = call_all(_bus_info, sorted(nodes.items()), NODES, lambda node: BusInfo([], Outcome.NOT_TRIED))
-    told = [links(answer.entries) for answer in answers]
-    places.look_up([*map(host_of, nodes.values()), *(link["host"] for each in told for link in each)])
-    for node, answer, each in zip(sorted(nodes), answers, told):
+    known = [links(answer.entries) for answer in answers]
+    places.look_up([*map(host_of, nodes.values()), *(link["host"] for each in known for link in each)])
+    for node, answer, each in zip(sorted(nodes), answers, known):
         if answer.error:
             silent[node] = {
                 "error": answer.error,
@@ -229,7 +229,7 @@ def _connections(
 
 
 def _is_talker(node: str) -> bool:
-    """Say if a node is of the verification itself."""
+    """Return True if a node is of the verification itself."""
     return node.startswith(f"{CALLER}_")
 
 
@@ -239,7 +239,7 @@ class BusInfo(typing.NamedTuple):
     entries: typing.Any
     outcome: Outcome
     error: str = ""  # why it does not answer
-    tcp_outcome: Outcome = Outcome.NOT_TRIED  # that of a connection alone, where no answer came
+    tcp_outcome: Outcome = Outcome.NOT_TRIED  # that of a mere connection, if no answer came
 
 
 def _bus_info(item: typing.Tuple[str, str]) -> BusInfo:
@@ -248,7 +248,7 @@ def _bus_info(item: typing.Tuple[str, str]) -> BusInfo:
         return BusInfo(server(item[1], NODE).getBusInfo(CALLER)[2], Outcome.ANSWERED)
     except OSError as problem:
         error, outcome = problem.strerror or str(problem) or type(problem).__name__, classify_error(problem)[0]
-    except Exception as problem:  # any kind, raised by what a strange node answers
+    except Exception as problem:  # any kind, raised by the answer of a strange node
         return BusInfo([], Outcome.FAILED, plain(str(problem)) or type(problem).__name__)
     if outcome != Outcome.NO_ANSWER:
         return BusInfo([], outcome, error, outcome)
@@ -269,7 +269,7 @@ def _drop_ended(ros: Ros, silent: typing.List[str], nodes: typing.Dict[str, str]
 
 
 class HostRobots:
-    """The robots of hosts, as hosts stand in URIs."""
+    """The robots of hosts, as hosts are in URIs."""
 
     def __init__(self, members: typing.List[typing.Dict[str, typing.Any]]) -> None:
         self._robots: typing.Dict[str, str] = {}

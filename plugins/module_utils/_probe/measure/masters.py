@@ -9,7 +9,7 @@ import xmlrpc.client
 
 from ..._base.deadlines import call_all, poll
 from ..._base.plain_text import plain, quote
-from ..._base.problem import tell_reason
+from ..._base.problem import explain_error
 from ..._contract.outcomes import Outcome
 from ..._contract.ros import CrossingTopic, SeenRelay
 from ..._machine import network as machine
@@ -46,7 +46,7 @@ def discovery(master: typing.Dict[str, typing.Any], deadline: float) -> typing.D
             offset, uncertainty = clock_offset(master["monitor_uri"])
             found.update(clock_offset_s=round(offset, 6), clock_uncertainty_s=round(uncertainty, 6))
         except (OSError, xmlrpc.client.Error, ValueError, TypeError, IndexError) as problem:
-            found["clock_error"] = f"getCurrentTime failed: {quote(tell_reason(problem))}"
+            found["clock_error"] = f"getCurrentTime failed: {quote(explain_error(problem))}"
         except Exception as problem:  # http.client's and expat's own: something else than a discovery node
             found["clock_error"] = f"getCurrentTime failed: {type(problem).__name__}: {quote(problem)}"
     return found
@@ -70,7 +70,7 @@ Offer = typing.Tuple[
 def relays(
     planned: typing.Optional[typing.Mapping[str, typing.Any]], ros: typing.Optional[Ros] = None
 ) -> typing.List[Row]:
-    """Ask the relays of other robots what they offer, as the relay here does, try the ports of their data, and hear topics through both.
+    """Ask the relays of other robots for their offers, as the relay here does, try the ports of their data, and hear topics through both.
 
     `planned`: the parameters of the relay here; `ros`: whose roscore has the topics that it publishes.
     """
@@ -102,7 +102,7 @@ def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) ->
             port = _read_port(said)
             answer = connect(host, port, CONNECT) if port else None
             data = answer.outcome if answer else Outcome.FAILED
-            error = "" if data == Outcome.OPEN else plain(answer.words) if answer else "it told no valid port"
+            error = "" if data == Outcome.OPEN else plain(answer.words) if answer else "it gave no valid port"
             found.update(outcome=Outcome.ANSWERED.value, data_port=port, data_outcome=data.value, error=error)
             return found, list(_read_offers(*offers[:1]))
     return found, []
@@ -178,7 +178,7 @@ def _hear(relay: str, robot: str, row: Row, topic: str, offer: Offer) -> Row:
         message = tcpros.hear_any(place, {"callerid": CALLER, "topic": topic})
         return _make_crossing(topic, offer, message=message)
     except Exception as problem:  # any: what is heard is another computer's
-        outcome, error = classify_error(problem)[0], plain(tell_reason(problem)) or type(problem).__name__
+        outcome, error = classify_error(problem)[0], plain(explain_error(problem)) or type(problem).__name__
     name, _type, nodes = offer
     asked = {
         "callerid": CALLER,

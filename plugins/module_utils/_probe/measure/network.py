@@ -27,13 +27,13 @@ from .changes import LOG, carrier
 
 TRIES = 3  # echo requests per address; the report's wireless links lose some
 ANSWER = 1.0  # seconds that an echo reply may take
-TOLD = 3.5  # seconds until a kernel that passes packets on has told their sender that no computer has the next address (3, arp(7))
+REPORTED = 3.5  # seconds until a kernel that passes packets on has reported to their sender that no computer has the next address (3, arp(7))
 COUNTED, PACE = 20, 0.025  # echo requests in a row, and the seconds between two of them
 MOST_COUNTED = 32  # computers to which they are sent
 DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states of RFC 2863 in which nothing passes
 CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
 UNUSED = 9  # a TCP port that no program uses: discard (RFC 863)
-LARGEST = 1500  # bytes of a large packet: what Ethernet takes
+LARGEST = 1500  # bytes of a large packet: the limit of Ethernet
 
 
 class EchoAnswer(typing.NamedTuple):
@@ -45,16 +45,16 @@ class EchoAnswer(typing.NamedTuple):
     icmp_type: typing.Optional[int] = None
     icmp_code: typing.Optional[int] = None
     reporter: str = ""  # the address that has answered
-    tries: int = 0  # none where no raw socket opens
+    tries: int = 0  # none if no raw socket opens
 
     @property
     def ok(self) -> bool:
-        """True where packets arrive. After "too large" the kernel makes smaller ones (RFC 1191), so that is as good."""
+        """True if packets arrive. After "too large" the kernel makes smaller ones (RFC 1191), so that is as good."""
         return self.outcome in (Outcome.ANSWERED, Outcome.TOO_LARGE)
 
     @property
     def error(self) -> str:
-        """Say why packets do not arrive; empty where they do."""
+        """Say why packets do not arrive; empty if they do."""
         if self.ok:
             return ""
         if self.outcome == Outcome.UNKNOWN_NAME:
@@ -88,7 +88,7 @@ def members(
 ) -> typing.List[typing.Dict[str, typing.Any]]:
     """Look at every member: the addresses of its name, its echo replies and the route to it; at the own one the name only.
 
-    Without `by_name` no name is looked up: the router is not told any.
+    Without `by_name` no name is looked up: the router does not see any.
     """
     found = _look_up(others, by_name)
     strange = [entry for entry in found if entry["name"] != own]
@@ -139,7 +139,7 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
     lost = losses(sample([entry["address"] for entry in answered]))
     silent = [entry["address"] for entry in answered if entry["address"] not in sizes]
     tcp = dict(zip(silent, call_all(try_unused_port, silent, 10.0, lambda address: (Outcome.NO_ANSWER, "no answer"))))
-    late = ping(silent, tries=1, answer=TOLD)
+    late = ping(silent, tries=1, answer=REPORTED)
     for entry in answered:
         address = entry["address"]
         hardware, fixed = known.get(address, ("", False))
@@ -151,7 +151,7 @@ def _look_closer(answered: typing.List[typing.Dict[str, typing.Any]]) -> None:
 
 
 def _add_late(entry: typing.Dict[str, typing.Any], late: EchoAnswer) -> None:
-    """Add what came only after a while: the report of a router, or nothing at all."""
+    """Add late answers: the report of a router, or nothing at all."""
     if entry["ping_address"].outcome == Outcome.NO_ANSWER:
         entry["silent"] = late.outcome == Outcome.NO_ANSWER
         if not (late.ok or entry["silent"]):
@@ -196,14 +196,14 @@ def _count(link: socket.socket, identifier: int, got: typing.Dict[str, typing.Se
 
 
 def try_unused_port(address: str) -> typing.Tuple[Outcome, str]:
-    """Try a TCP port that no program uses. It is refused where the computer is there; else the text says why nothing came."""
+    """Try a TCP port that no program uses. It is refused if the computer is there; else the text says why nothing came."""
     answer = connect(address, UNUSED, ANSWER)
     if answer.outcome == Outcome.OPEN:  # a program listens all the same, so the computer is there as well
         return Outcome.REFUSED, "refused"
     return answer.outcome, "refused" if answer.outcome == Outcome.REFUSED else answer.words
 
 
-# What a user without rights finds: a file of name services may be closed to all but root.
+# The answers for a user without rights: a file of name services may be closed to all but root.
 _LOOK_UP = """
 import json, socket, sys
 found = {}
@@ -218,7 +218,7 @@ print(json.dumps(found))
 
 
 def user_addresses(names: typing.List[str]) -> typing.Dict[str, typing.List[str]]:
-    """Look up the IPv4 addresses of names as a user without rights; empty where that user can run no Python."""
+    """Look up the IPv4 addresses of names as a user without rights; empty if that user can run no Python."""
     answer = run(
         [sys.executable, "-I", "-c", _LOOK_UP], limit=15.0, user=find_nobody(), given=json.dumps(names).encode()
     )
@@ -236,7 +236,7 @@ def file_addresses(path: str = "/etc/hosts") -> typing.Dict[str, typing.List[str
 
 
 def name_sources(path: str = "/etc/nsswitch.conf") -> typing.List[str]:
-    """Read the sources of host names, in their order; empty where the file names no source (nsswitch.conf(5))."""
+    """Read the sources of host names, in their order; empty if the file names no source (nsswitch.conf(5))."""
     for line in text(path).splitlines():
         database, colon, sources = line.partition("#")[0].partition(":")
         if colon and database.strip() == "hosts":
@@ -272,7 +272,7 @@ def ping(
 def _ask(
     link: socket.socket, results: typing.Dict[str, EchoAnswer], tries: int, answer: float, sizes: typing.Dict[str, int]
 ) -> None:
-    """Send requests to the addresses that have not answered, and read what comes back, as often as is asked for."""
+    """Send requests to the addresses that have not answered, and read the answers, as often as is asked for."""
     identifier = int.from_bytes(os.urandom(2), "big")
     sent: typing.Dict[int, typing.Tuple[str, float]] = {}
     for unused in range(tries):
@@ -304,7 +304,7 @@ def _judge(heard: EchoReply, address: str, when: float, tries: int) -> EchoAnswe
 
 
 def route_to_plain(route: machine.RouteTo) -> typing.Dict[str, typing.Optional[str]]:
-    """Return the route to a computer as the module does; `metric` is there where there is a route."""
+    """Return the route to a computer as the module does; `metric` is there if there is a route."""
     plain = {"device": route.device, "source": route.source, "gateway": route.gateway}
     return dict(plain, error=route.error) if route.error else dict(plain, metric=route.metric, error="")
 
@@ -330,9 +330,9 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
 
     For each interface with an IPv4 address: forwarding of packets that come in there, the effective reverse-path filter
     (the larger value of `all` and the interface), and the sending of redirects (if either of the two says so). Null
-    stands for what cannot be read.
+    means a value that cannot be read.
 
-    An interface without an address is told by its hardware address alone: a port of a bridge, or what is below a macvlan,
+    An interface without an address is listed only with its hardware address: a port of a bridge, or one below a macvlan,
     answers ARP for the addresses of all interfaces.
     """
 
@@ -363,7 +363,7 @@ def forwarding(root: str = "/proc/sys/net/ipv4") -> typing.Dict[str, typing.Any]
 
 
 def _add_last_words(links: typing.List[typing.Dict[str, typing.Any]]) -> None:
-    """Add what the journal says last of links that are down, as those of unused bridges; of all at once, since a journal may be slow."""
+    """Add the journal's last line on links that are down, as those of unused bridges; of all at once, since a journal may be slow."""
     down = [link["interface"] for link in links if link["state"] in DOWN]
     said = dict(zip(down, call_all(carrier, down, LOG + 1.0, lambda name: "")))
     for link in links:
@@ -378,7 +378,7 @@ def _list_hardware_addresses(interfaces: typing.Iterable[machine.NetworkInterfac
 
 
 def link_of(interface: str) -> typing.Dict[str, typing.Any]:
-    """Read what the kernel tells of the link of an interface."""
+    """Read the state that the kernel reports of the link of an interface."""
 
     def read(name: str) -> str:
         return text(f"/sys/class/net/{interface}/{name}").strip()
@@ -393,11 +393,11 @@ def link_of(interface: str) -> typing.Dict[str, typing.Any]:
 
 
 def saves_power(interface: str, root: str = "/sys/class/net") -> typing.Optional[bool]:
-    """Return True if a wireless interface saves power (iw(8)); None where it is no wireless one, or iw does not tell."""
+    """Return True if a wireless interface saves power (iw(8)); None if it is no wireless one, or iw does not report it."""
     if not any(os.path.exists(os.path.join(root, interface, mark)) for mark in ("wireless", "phy80211")):
         return None
-    told = re.search(r"Power save: (on|off)$", run(["iw", "dev", interface, "get", "power_save"]).text, re.MULTILINE)
-    return told.group(1) == "on" if told else None
+    saves = re.search(r"Power save: (on|off)$", run(["iw", "dev", interface, "get", "power_save"]).text, re.MULTILINE)
+    return saves.group(1) == "on" if saves else None
 
 
 def call(addresses: typing.Sequence[str], port: int) -> str:

@@ -14,12 +14,12 @@ from ..ros_client.ros import Ros
 
 FILTERS = ("ignore_", "sync_", "hide_", "do_not_sync")  # how the names of filters begin
 SIM_TIME = "/use_sim_time"
-MOST = 50  # parameters that are told
+MOST = 50  # parameters that are listed
 LONGEST = 200  # characters of a value: they are for people
 # The nodes that have their parameters from a file. They start again as soon as it is another one.
 FILES = {"master_relay": "/etc/rosfleet-multimaster/master_relay.json"}
 _MOST_BYTES = 4 << 20
-# The same nodes of fkie_mas, where somebody has started them by hand.
+# The same nodes of fkie_mas, if a person has started them by hand.
 SUCCESSOR = {"master_discovery": "mas_discovery", "master_sync": "mas_sync"}
 Plan = typing.Dict[str, typing.Dict[str, typing.Any]]  # node -> its parameters
 
@@ -27,7 +27,7 @@ Plan = typing.Dict[str, typing.Dict[str, typing.Any]]  # node -> its parameters
 def parameters(
     ros: Ros, planned: typing.Optional[Plan], crossing: typing.Iterable[str] = ()
 ) -> typing.Dict[str, typing.Any]:
-    """Compare the namespace of each node with what is planned; its units write all of it there when the node starts.
+    """Compare the namespace of each node with the planned one; its units write all of it there when the node starts.
 
     `crossing`: names of parameters whose digests are wanted, since two robots are to have the same.
     """
@@ -52,12 +52,12 @@ def parameters(
 
 
 def _is_simulated(ros: Ros) -> bool:
-    """Return True if nodes of this roscore take their time from /clock. Raises OSError where the roscore does not answer."""
+    """Return True if nodes of this roscore take their time from /clock. Raises OSError if the roscore does not answer."""
     return bool(ros.ask("hasParam", SIM_TIME)) and ros.ask("getParam", SIM_TIME) is True
 
 
 def _read_digest(ros: Ros, name: str) -> str:
-    """Read the digest of a parameter, empty where it is not set. Raises OSError where the roscore does not answer."""
+    """Read the digest of a parameter, empty if it is not set. Raises OSError if the roscore does not answer."""
     if not ros.ask("hasParam", name):
         return ""
     value = ros.ask("getParam", name)
@@ -65,7 +65,7 @@ def _read_digest(ros: Ros, name: str) -> str:
 
 
 def digest(value: typing.Any) -> str:
-    """Return what two values have in common that are the same. The ends of lines are as XML has them."""
+    """Return the common form of two values that are the same. The ends of lines are as XML has them."""
     try:
         text = json.dumps(value, sort_keys=True, default=repr)
     except (ValueError, TypeError, RecursionError):
@@ -74,7 +74,7 @@ def digest(value: typing.Any) -> str:
 
 
 def _read(ros: Ros, node: str) -> typing.Any:
-    """Read the namespace of a node, or its file. Raises OSError with the sentence about the usual name where neither is there."""
+    """Read the namespace of a node, or its file. Raises OSError with the sentence about the usual name if neither is there."""
     if node in FILES:
         return _read_file(FILES[node])
     try:
@@ -100,7 +100,7 @@ def compare(
 ) -> typing.List[typing.Dict[str, str]]:
     """List the parameters with another value; None is one that is not set.
 
-    Of what the plan does not have only filters count: nodes read more than the collection sets, and write their defaults.
+    Of parameters that the plan does not have only filters count: nodes read more than the collection sets, and write their defaults.
     """
     both = dict({name: None for name, value in there.items() if _filters(name, value)}, **wanted)
     return [
@@ -112,7 +112,7 @@ def compare(
 
 
 def _leave_out_common(value: typing.Any, found: typing.Any) -> typing.Tuple[typing.Any, typing.Any]:
-    """Return what of two lists differs: a text for people is cut, and the difference may stand at its end."""
+    """Return the items of two lists that differ: a text for people is cut, and the difference may be at its end."""
     if not (isinstance(value, list) and isinstance(found, list)) or len(value) + len(found) > MOST * MOST:
         return value, found
     more, less = [one for one in value if one not in found], [one for one in found if one not in value]
@@ -124,7 +124,7 @@ def _leave_out_common(value: typing.Any, found: typing.Any) -> typing.Tuple[typi
 def _compare_entries(
     one: typing.Dict[str, typing.Any], other: typing.Dict[str, typing.Any]
 ) -> typing.Tuple[typing.Dict[str, typing.Any], typing.Dict[str, typing.Any]]:
-    """Return the keys of two entries of which the values differ, with what differs of them."""
+    """Return the keys of two entries of which the values differ, with their differences."""
     names = [name for name in sorted({*one, *other}) if one.get(name) != other.get(name)]
     pairs = [(name, _leave_out_common(one.get(name), other.get(name))) for name in names]
     return {name: both[0] for name, both in pairs}, {name: both[1] for name, both in pairs}

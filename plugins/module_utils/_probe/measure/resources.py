@@ -17,12 +17,12 @@ from ..._machine import ports
 
 UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
 TIMEX = 1024  # bytes, more than struct timex has anywhere; all zero, it only asks
-# Where programs of ROS and services write, beside the state of the services themselves.
+# The folders in which programs of ROS and services write, besides the state of the services themselves.
 FOLDERS = ("/var/lib", "/var/log", "/tmp", "/run")
 STATE = "/var/lib/private/multimaster-{}"
 # An accept of libxmlrpcpp takes 8 bytes for each file that its process may open (XmlRpcServer::countFreeFDs).
 MOST_FILES = 1 << 20  # as containers have it
-MOST_NODES = 20  # that are told
+MOST_NODES = 20  # that are listed
 CONFINED = 16  # a program with a smaller limit has given it to itself, as sshd before a login
 _MOST_HOSTS = 1 << 20  # bytes of a file of names
 _STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # their limit is that of a shell
@@ -31,7 +31,7 @@ Row = typing.Dict[str, typing.Any]
 
 
 def clock() -> typing.Dict[str, typing.Optional[bool]]:
-    """Return True if something keeps the clock right, such as chrony, as the kernel knows it; None where it does not tell."""
+    """Return True if something keeps the clock right, such as chrony, as the kernel knows it; None if it does not report that."""
     try:
         state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(TIMEX))
     except (OSError, AttributeError):  # no such function in this C library
@@ -40,7 +40,7 @@ def clock() -> typing.Dict[str, typing.Optional[bool]]:
 
 
 def disks(services: typing.Sequence[str], folders: typing.Sequence[str] = FOLDERS) -> typing.List[Row]:
-    """Count what is left for others than root where services write; each file system once, by the first of its folders."""
+    """Count the room that others than root have on the disks of services; each file system once, by the first of its folders."""
     found: typing.Dict[int, Row] = {}
     for path in [STATE.format(service) for service in services] + list(folders):
         try:
@@ -94,8 +94,8 @@ def full_processes(proc: str = "/proc") -> typing.List[Row]:
 def container_names(names: typing.Iterable[str], proc: str = "/proc", hosts: str = "/etc/hosts") -> typing.List[Row]:
     """List containers with processes of ROS whose /etc/hosts lacks some of these names that this computer's has, at most MOST_NODES.
 
-    A container has a copy from the moment of its start, which may be before the fleet's names came. What it says else is not
-    told: a stranger may have made it.
+    A container has a copy from the moment of its start, which may be before the fleet's names came. Its other contents are not
+    reported: a stranger may have made it.
     """
     wanted = _read_hosts(hosts) & {name.lower() for name in names}
 
@@ -111,7 +111,7 @@ def container_names(names: typing.Iterable[str], proc: str = "/proc", hosts: str
 
 
 def _list_nodes(look: typing.Callable[[int], typing.Optional[Row]], proc: str) -> typing.List[Row]:
-    """List what `look` tells of processes, each with the name of its node, once for each unit, and at most MOST_NODES."""
+    """List the results of `look` for processes, each with the name of its node, once for each unit, and at most MOST_NODES."""
     found: typing.Dict[typing.Tuple[str, str], Row] = {}
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
         try:

@@ -27,18 +27,18 @@ _PROPERTIES = (
     "ControlGroup",
     "Result",
 )
-_REFUSED = 50  # names that a node refuses, which are told
+_REFUSED = 50  # names that a node refuses, which are reported
 _WORD = r'("[^"]*"|[^\s"(),]+)'  # as quote() writes it
 _MORE = re.compile(r"(?:^|, )and [0-9]+ more$")
-# An entry of rosfleet_multimaster/sync/core/report.py: name, kind, what is there, its master, and what is here or why it is refused.
-# It begins where a word does: from each letter of a long one, it would read to the end of it again.
+# An entry of rosfleet_multimaster/sync/core/report.py: name, kind, the value there, its master, and the value here or the reason of the refusal.
+# It begins at the beginning of a word: from each letter of a long one, it would read to the end of it again.
 _REFUSAL = re.compile(rf"(?<![^\s\"(),]){_WORD}(?: \(([a-z]{{1,20}}) {_WORD} of {_WORD}: {_WORD}\))?(?:, |$)")
 
 
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
     """Look at services of the collection: their state, and the variables that differ from the environment file.
 
-    Raises OSError where systemd does not answer: that says nothing of any service.
+    Raises OSError if systemd does not answer: that says nothing of any service.
     """
     found = []
     units = [f"multimaster-{name}.service" for name in names]
@@ -77,7 +77,7 @@ def _read_states(units: typing.List[str]) -> typing.List[systemd.Properties]:
     """Ask systemd for the state of units. Raises OSError without an answer."""
     answer = systemd.show(units, _PROPERTIES) if units else systemd.UnitProperties([])
     if len(answer.units) != len(units):
-        raise OSError(f"systemd told nothing of the services ({answer.error or 'without a word'})")
+        raise OSError(f"systemd reported nothing about the services ({answer.error or 'without a word'})")
     return answer.units
 
 
@@ -90,7 +90,7 @@ def _find_ends(units: typing.List[str], states: typing.List[systemd.Properties])
 
 
 def _read_changed(pid: str, wanted: typing.Dict[str, str]) -> typing.Optional[typing.List[str]]:
-    """Name the wanted variables that a process lacks; None where it ended since, or is not ours to look at."""
+    """Name the wanted variables that a process lacks; None if it ended since, or is not ours to look at."""
     try:
         return find_changed(processes.environment(pid), wanted)
     except OSError:
@@ -102,12 +102,12 @@ def _has_failed(seen: systemd.Properties) -> bool:
 
 
 def read_refusals(status: str) -> typing.Tuple[typing.List[str], typing.List[typing.Dict[str, str]]]:
-    """List the names that master_sync refuses, and why, as it tells systemd; what has not the form of a name is in quotes.
+    """List the names that master_sync refuses, and why, as it reports them to systemd; a text that has not the form of a name is in quotes.
 
-    A master_sync of an older release tells the names alone.
+    A master_sync of an older release reports only the names.
     """
-    told = status.rpartition("; refused: ")[2] if "; refused: " in status else ""
-    found = _REFUSAL.findall(_MORE.sub("", told.partition("; not all of ")[0]))[:_REFUSED]
+    listed = status.rpartition("; refused: ")[2] if "; refused: " in status else ""
+    found = _REFUSAL.findall(_MORE.sub("", listed.partition("; not all of ")[0]))[:_REFUSED]
     rows = [dict(zip(("name", "kind", "there", "master", "here"), map(_unquote, row))) for row in found if row[1]]
     return [row[0] for row in found], rows
 
@@ -124,7 +124,7 @@ def find_age(entered: str) -> typing.Optional[float]:
 def count_files(
     group: str, cgroups: str = "/sys/fs/cgroup"
 ) -> typing.Tuple[typing.Optional[int], typing.Optional[int]]:
-    """Count the open files of the process of a control group that has the fewest left, and return its limit; two None where none is seen."""
+    """Count the open files of the process of a control group that has the fewest left, and return its limit; two None if none is seen."""
     lists = [commands.text(f"{cgroups}{version}{group}/cgroup.procs") for version in ("", "/systemd")] if group else []
     pids = " ".join(lists).split()[:_MOST_PROCESSES]
     counted = [files for files in map(processes.count_files, pids) if files]

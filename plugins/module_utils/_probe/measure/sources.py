@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Topics on their way between two roscores: what the discovery nodes have of those that did not arrive.
+"""Topics on their way between two roscores: those that did not arrive, in the states of discovery nodes.
 
 Upstream's nodes and the bundled ones have the methods: `masterInfo` for the own one, `masterInfoFiltered` for another, as a
-sync node asks it. Where nothing is missing, no other computer is asked.
+sync node asks it. If nothing is missing, no other computer is asked.
 """
 
 import time
@@ -13,7 +13,7 @@ import xmlrpc.client
 
 from ..._base.deadlines import PAUSE, call_all, poll
 from ..._base.plain_text import plain
-from ..._base.problem import tell_reason
+from ..._base.problem import explain_error
 from ..._contract.outcomes import Outcome
 from ..._machine.outcomes import classify_error
 from ..ros_client.documents import NODE, STATE
@@ -24,7 +24,7 @@ from .talker import topic_of
 
 FOLLOWS = 3.0  # seconds that discovery and sync nodes may need to follow: upstream's read their roscore once a second
 LONGEST = 20.0  # seconds for all of them
-MOST = 50  # topics of one discovery node that are told
+MOST = 50  # topics of one discovery node that are reported
 # Of the elements of a filter only sync_topics and ignore_services have a pattern (docs/understand/protocol.md).
 FILTER = [False, "", "", "", r"\A/multimaster_verify/.*\Z", r"\A.*\Z", "", "", "", "", ""]
 
@@ -40,9 +40,9 @@ def sources(
     talkers: typing.List[str],
     deadline: float,
 ) -> typing.List[Row]:
-    """Ask the own discovery node for what the own roscore has, and those of others for the talkers that are missing here.
+    """Ask the own discovery node for the topics of the own roscore, and foreign ones for the talkers that are missing here.
 
-    `robots`: {computer: its robot}; `talkers`: the computers that are to be heard here. What others give, and what is not
+    `robots`: {computer: its robot}; `talkers`: the computers that are to be heard here. Topics that others give, and topics that are not
     registered here yet, is waited for until the deadline (monotonic seconds).
     """
     try:
@@ -86,7 +86,7 @@ def _ask(job: Job) -> Row:
 def _ask_own(ros: Ros, masters: typing.List[Row], mine: typing.Set[str], own: str) -> typing.List[Row]:
     """Ask the own discovery node for all topics of the roscore, again until it has followed. Raises OSError.
 
-    Of these are told: those of the own talkers (`mine`), and what the state has not.
+    Of these, the answer lists those of the own talkers (`mine`), and those that the state has not.
     """
     found: typing.List[Row] = []
     for master in (master for master in masters if master["computer"] == own):
@@ -97,9 +97,9 @@ def _ask_own(ros: Ros, masters: typing.List[Row], mine: typing.Set[str], own: st
             if row["error"] or not missing or time.monotonic() + PAUSE > deadline:
                 break
             time.sleep(PAUSE)
-            asked &= set(topics.read_publishers(ros))  # what has come since is no matter
-        told = asked & mine | set(sorted(missing)[:MOST])
-        found.append(dict(row, topics=sorted(told), given=sorted(told.intersection(row["given"]))))
+            asked &= set(topics.read_publishers(ros))  # topics that have come since are no matter
+        listed = asked & mine | set(sorted(missing)[:MOST])
+        found.append(dict(row, topics=sorted(listed), given=sorted(listed.intersection(row["given"]))))
     return found
 
 
@@ -107,7 +107,7 @@ def _read(job: Job, method: typing.Callable[..., typing.Any], *arguments: typing
     try:
         return _make_row(job, (name for name, nodes in method(*arguments)[4] if isinstance(name, str) and nodes))
     except (OSError, xmlrpc.client.Error) as problem:
-        error = plain(tell_reason(problem)) or type(problem).__name__
+        error = plain(explain_error(problem)) or type(problem).__name__
         return _make_row(job, error=error, outcome=classify_error(problem)[0])
     except Exception as problem:  # whatever a stranger answers
         return _make_row(job, error=type(problem).__name__, outcome=Outcome.FAILED)

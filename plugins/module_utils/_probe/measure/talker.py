@@ -95,7 +95,7 @@ def stop() -> None:
 
 
 def state() -> typing.Dict[str, typing.Any]:
-    """Return True if the talker runs, and the last line that it wrote where it does not."""
+    """Return True if the talker runs, and the last line that it wrote if it does not."""
     state = systemd.states([TALKER], ["ActiveState"])[0].get("ActiveState", "")
     if state == "active":
         return {"running": True, "error": ""}

@@ -8,7 +8,7 @@ import typing
 
 from ..._base.deadlines import PAUSE, call_all, poll
 from ..._base.plain_text import plain, quote
-from ..._base.problem import tell_reason
+from ..._base.problem import explain_error
 from ..._contract.outcomes import Outcome
 from ..._machine.outcomes import connect
 from ..ros_client.hosts import place_of
@@ -17,7 +17,7 @@ from ..ros_client.ros import Ros, roscore
 from .network import TRIES
 from .talker import sentence_of, topic_of
 
-LEAST = 5.0  # seconds that are listened at least, also where the roscore was waited for
+LEAST = 5.0  # seconds that are listened at least, also if the roscore was waited for
 REGISTERING = 5.0  # seconds for the registration of a node that was heard
 CONNECT, REACHING = 2.0, 10.0  # seconds that a connection to a publisher may take, and all of them
 
@@ -66,7 +66,7 @@ def _reach_unheard(rows: typing.List[typing.Dict[str, typing.Any]]) -> None:
 
 
 def _reach(entry: typing.Dict[str, typing.Any]) -> typing.Tuple[Outcome, str]:
-    """Connect to the publisher of a topic that was not heard: a message that is late is told from a way that is closed."""
+    """Connect to the publisher of a topic that was not heard: this distinguishes a late message from a way that is closed."""
     host, port = place_of(entry["publishers"][0]["uri"])
     if not host:
         return Outcome.FAILED, "its URI is none"
@@ -75,7 +75,7 @@ def _reach(entry: typing.Dict[str, typing.Any]) -> typing.Tuple[Outcome, str]:
 
 
 def _topic(talker: str, name: str, message: typing.Dict[str, typing.Any], wanted: str) -> typing.Dict[str, typing.Any]:
-    """Compare what was heard on a topic (empty for nothing) with the text that is wanted."""
+    """Compare the text that was heard on a topic (empty for nothing) with the wanted one."""
     heard = message.get("text") == wanted
     return {
         "computer": talker,
@@ -93,7 +93,7 @@ def _topic(talker: str, name: str, message: typing.Dict[str, typing.Any], wanted
 def read_publishers(ros: Ros) -> typing.Dict[str, typing.List[str]]:
     """Read {topic: publishers} from the roscore. Raises OSError.
 
-    A roscore may answer 500 while much is registered at the same time: it iterates over what is being changed.
+    A roscore may answer 500 while much is registered at the same time: it iterates over a table that changes.
     """
     for unused in range(TRIES - 1):
         try:
@@ -108,22 +108,22 @@ def listen(
 ) -> typing.Tuple[typing.Dict[str, Message], typing.Dict[str, str], typing.Optional[typing.Dict[str, str]]]:
     """Listen to all talkers.
 
-    Return {topic: text, node and seconds} of what was heard, {topic: why it was not}, and {topic: how far the call has come};
-    None instead where the listener itself has failed.
+    Return {topic: text, node and seconds} of topics that were heard, {topic: why it was not}, and {topic: how far the call has come};
+    None instead if the listener itself has failed.
     """
     wanted = {topic_of(talker): sentence_of(label, talker) for talker in talkers}
     try:
         listener = TopicListener(ros, listener_of(own), wanted)
         listener.run(max(deadline, time.monotonic() + LEAST))
     except OSError as problem:
-        return {}, dict.fromkeys(wanted, f"the listener failed: {tell_reason(problem)}"), None
+        return {}, dict.fromkeys(wanted, f"the listener failed: {explain_error(problem)}"), None
     return listener.heard, listener.errors, dict(listener.steps)
 
 
 def _uri(ros: Ros, node: str, end: float) -> str:
-    """Return where a node is registered; empty where it is not, also at the end (monotonic seconds).
+    """Return the URI of a node; empty if it is not registered, also at the end (monotonic seconds).
 
-    Beside upstream's nodes, publishers that were heard were not registered for a moment. Why is not known.
+    With upstream's nodes, publishers that were heard were not registered for a moment. Why is not known.
     """
 
     def look() -> str:

@@ -109,7 +109,7 @@ def _is_number(value: typing.Any) -> bool:
 
 
 def list_flows(node: str, sent: Sent, first: Reading, second: Reading) -> typing.List[typing.Dict[str, typing.Any]]:
-    """Return what a node sends a second, by topic and robot, summed over the subscribers.
+    """Return the rates of a node's traffic, by topic and robot, summed over the subscribers.
 
     A counter that went back gives no rate: the connection is another one, or the 32 bits of roscpp are over.
     """

@@ -18,7 +18,7 @@ SETTLE = 0.3  # seconds that a probe has to arrive; access points hold multicast
 PATIENCE = 0.2  # seconds after which a count is asked for again
 ATTEMPTS = 8  # so often: then a count comes back through 30 % loss in both directions
 SILENT = 10.0  # seconds after which a helper that is no longer heard is not waited for
-TELLS = 3  # times that a helper introduces itself, or says that it is done, because any datagram can be lost
+TIMES = 3  # times that a helper introduces itself, or says that it is done, because any datagram can be lost
 ANSWERS = 40  # answers per second and computer; more would be a flood of another program
 LATEST = 1 << 32  # seconds since 1970 that no clock has, so none is further from another one
 SOURCES = 4096  # kept of each peer, and of all strangers together; more would be a flood of another program
@@ -28,7 +28,7 @@ PORTS = 8  # ports of one address to which a helper introduces itself at a time
 
 Address = typing.Tuple[str, int]  # IPv4 address and port
 Datagrams = typing.List[typing.Tuple[bytes, Address]]  # payload and destination; all leave from the one socket
-Steps = typing.Iterator[typing.Tuple[float, Datagrams]]  # seconds until the next step, and what is sent in this one
+Steps = typing.Iterator[typing.Tuple[float, Datagrams]]  # seconds until the next step, and the datagrams of this one
 
 
 class HelperSettings(typing.NamedTuple):
@@ -42,7 +42,7 @@ class HelperSettings(typing.NamedTuple):
     own: typing.Tuple[str, ...]  # all addresses of this computer
     computers: typing.Dict[str, str]  # address -> name
     lifetime: float  # seconds
-    # The addresses of computers that the group does not reach, as behind a gateway; they are met by unicast alone.
+    # The addresses of computers that the group does not reach, as behind a gateway; they are met only by unicast.
     apart: typing.FrozenSet[str] = frozenset()
 
 
@@ -85,9 +85,9 @@ class Counts(typing.Counter[typing.Any]):
         self.places: typing.Counter[str] = collections.Counter()  # the name of a peer, empty for strangers -> sources
 
     def count(self, key: typing.Any, source: Address, peer: typing.Optional[GroupPeer], number: int = 1) -> None:
-        """Count what has come from a source.
+        """Count the datagrams of a source.
 
-        Anybody can send in the name of a peer, but not with the seal of its messages: what comes from there always counts.
+        Anybody can send in the name of a peer, but not with the seal of its messages: datagrams from there always count.
         """
         owner = peer.name if peer else ""
         if key not in self:
@@ -114,7 +114,7 @@ class Helper:
         self.strangers = Counts()  # address, interface -> datagrams on the group from outside the fleet
         self.heard_unicast = Counts()  # address and port -> probes to this computer itself
         self.callers = Counts()  # address -> empty datagrams to this computer itself, from any source
-        self.telling: typing.Dict[Address, int] = {}  # destination -> introductions that are still to be sent
+        self.introductions: typing.Dict[Address, int] = {}  # destination -> introductions that are still to be sent
         self.budget = (0, 0)  # (second, answers given in it)
         self.sent = 0
         self.sequence = 0
@@ -192,18 +192,18 @@ class Helper:
     def _introduce(self, source: Address) -> Datagrams:
         """Introduce this helper to a new source: it may not hear us on the group, and could not ask us otherwise.
 
-        Where its address has too many ports, the first one that was told all times makes room: most may be forged.
+        If its address has too many ports, the first one that has got all introductions makes room: most may be forged.
         """
-        ports = [other for other in self.telling if other[0] == source[0]]
+        ports = [other for other in self.introductions if other[0] == source[0]]
         if source in ports:
             return []
         if len(ports) >= PORTS:
-            spent = [other for other in ports if not self.telling[other]]
+            spent = [other for other in ports if not self.introductions[other]]
             if not spent:
                 return []
-            del self.telling[spent[0]]
-        self.telling[source] = TELLS
-        return self._tell(source)
+            del self.introductions[spent[0]]
+        self.introductions[source] = TIMES
+        return self._introduce(source)
 
     # Sending
 
@@ -225,9 +225,9 @@ class Helper:
                 return datagrams
             except StopIteration:
                 self.rounds, self.done = None, True
-                self.telling.update((peer.control, TELLS) for peer in self.peers.values() if peer.control)
+                self.introductions.update((peer.control, TIMES) for peer in self.peers.values() if peer.control)
         self.due = now + IDLE
-        return self._probes(False) + [hello for source in list(self.telling) for hello in self._tell(source)]
+        return self._probes(False) + [hello for source in list(self.introductions) for hello in self._introduce(source)]
 
     def _measurement(self, rounds: int, interval: float, unicast: bool) -> Steps:
         """Take the steps of a measurement.
@@ -268,10 +268,10 @@ class Helper:
                 asks.append((self._message(ASK, sequence=self.sequence, asked=self.wall), peer.control))
         return asks
 
-    def _tell(self, source: Address) -> Datagrams:
-        if not self.telling[source]:
+    def _introduce(self, source: Address) -> Datagrams:
+        if not self.introductions[source]:
             return []
-        self.telling[source] -= 1
+        self.introductions[source] -= 1
         return [(self._message(HELLO), source)]
 
     def _message(self, kind: int, **fields: typing.Any) -> bytes:
@@ -284,9 +284,9 @@ class Helper:
         waiting = any(
             not peer.done and now - peer.seen < SILENT for peer in self.peers.values() if peer.seen is not None
         )
-        # Of the peers alone: forged sources come as long as somebody likes.
-        telling = any(self.telling.get(peer.control) for peer in self.peers.values() if peer.control)
-        return now >= self.deadline or (self.done and not waiting and not telling)
+        # Only of the peers: forged sources come as long as their sender likes.
+        introducing = any(self.introductions.get(peer.control) for peer in self.peers.values() if peer.control)
+        return now >= self.deadline or (self.done and not waiting and not introducing)
 
     # The result
 

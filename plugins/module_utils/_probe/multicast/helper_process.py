@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-"""The process and the sockets of multicast_verify's helper, and the ICMP rounds; helper.py decides what they mean.
+"""The process and the sockets of multicast_verify's helper, and the ICMP rounds; helper.py interprets them.
 
 A discovery node that holds the port is not disturbed. A second socket on its port would need its user (SO_REUSEPORT),
 and would take unicast datagrams away from it. The helper listens on a raw socket instead: the kernel gives it a copy
@@ -65,7 +65,7 @@ def _control(settings: HelperSettings, index: int) -> socket.socket:
     control.bind((settings.address, 0))
     routable = not settings.group.startswith(LINK_LOCAL)
     control.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, TTL if routable else TTL_LINK_LOCAL)
-    # A gateway that routes multicast passes on what it sends itself only if that is looped back.
+    # A gateway that routes multicast passes its own datagrams on only if that is looped back.
     control.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, int(routable))
     control.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _member("0.0.0.0", settings.address, index))
     return control
@@ -124,7 +124,7 @@ def plain(settings: HelperSettings) -> typing.List[typing.Any]:
 
 
 def send(control: socket.socket, outgoing: Datagrams, errors: typing.Dict[str, typing.Any]) -> None:
-    """Send each (payload, destination); what the kernel refuses (no route, an output rule) is counted and named."""
+    """Send each (payload, destination); refusals of the kernel (no route, an output rule) are counted and named."""
     for payload, destination in outgoing:
         try:
             control.sendto(payload, destination)

@@ -44,7 +44,7 @@ def encode(message: Message, run: str) -> bytes:
 
 
 def decode(data: bytes, run: str) -> typing.Optional[Message]:
-    """Read a message; None where it is no message of this run."""
+    """Read a message; None if it is no message of this run."""
     body = data[_SEAL:]
     if len(body) != _BODY.size or not hmac.compare_digest(data[:_SEAL], _seal(body, run)):
         return None

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The work of multicast_verify: its options, and what each of its actions does. multimaster_verify measures with it, too."""
+"""The work of multicast_verify: its options, and its actions. multimaster_verify measures with it, too."""
 
 import errno
 import ipaddress
@@ -30,7 +30,7 @@ Result = typing.Dict[str, typing.Any]
 
 
 def wrong(params: Params) -> typing.Optional[str]:
-    """Say in one sentence which option cannot be used; None where all can."""
+    """Name in one sentence the option that cannot be used; None if all can."""
     bounds = (("port", 1, 65535), ("rounds", 1, 1000), ("interval", 0.02, 10), ("lifetime", 1, 3600))
     wrong_value = find_wrong_value(params, bounds)
     if wrong_value:
@@ -50,7 +50,7 @@ def wrong(params: Params) -> typing.Optional[str]:
 
 
 def wrong_computers(params: Params) -> typing.Optional[str]:
-    """Say in one sentence which of computers, name and interface_address do not fit together; None where all do."""
+    """Name in one sentence which of computers, name and interface_address do not fit together; None if all do."""
     names: typing.Dict[str, str] = {}
     addresses: typing.Dict[str, str] = {}
     for computer in params["computers"] or []:
@@ -150,7 +150,7 @@ def collect(params: Params, settings: HelperSettings, index: int) -> Result:
 
 
 def ping(settings: HelperSettings, index: int, params: Params) -> Result:
-    """Ping the group; that is an addition, so its error is returned beside the rest."""
+    """Ping the group; that is an addition, so its error is returned with the rest."""
     answered: typing.List[typing.Set[str]] = []
     error = None
     try:
@@ -184,7 +184,7 @@ def settings_of(params: Params, interface: str, addresses: typing.Tuple[str, ...
 
 
 def run_action(params: Params, check_mode: bool) -> Result:
-    """Do what the action asks for, and return the result; with `check_mode` nothing is sent. Raises Problem."""
+    """Carry out the action, and return the result; with `check_mode` nothing is sent. Raises Problem."""
     error = wrong(params)
     if error:
         raise Problem(error)

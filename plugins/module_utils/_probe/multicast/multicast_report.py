@@ -42,17 +42,17 @@ CAUSES = (
     ),
     (
         "unanswered",
-        "Heard, but whether they hear this computer is open, as no count came back: {names}; their own result tells.",
+        "Heard, but whether they hear this computer is open, as no count came back: {names}; their own result shows it.",
     ),
 )
 
 
 def explain(result: typing.Dict[str, typing.Any], port: int) -> str:
-    """Say in one message which computers are missing, and what usually causes just this."""
+    """Name the missing computers and the usual causes in one message."""
     udp = result["udp"]
     if not result["missing"] and not result["unanswered"]:
-        alone = sum(1 for entry in udp if not entry["multicast"])
-        more = f", {alone} of them by unicast, since the group does not pass between them" if alone else ""
+        by_unicast = sum(1 for entry in udp if not entry["multicast"])
+        more = f", {by_unicast} of them by unicast, since the group does not pass between them" if by_unicast else ""
         return f"Every other computer ({len(udp)}) is heard on the group and hears this one{more}."
     cases = _cases(result)
     return " ".join(text.format(names=", ".join(cases[case]), port=port) for case, text in CAUSES if cases[case])

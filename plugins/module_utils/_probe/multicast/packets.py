@@ -61,7 +61,7 @@ class EchoReply(typing.NamedTuple):
 
 
 def packet(data: bytes) -> typing.Optional[RawPacket]:
-    """Split an IPv4 packet (RFC 791, section 3.1); None where it is too short to be one."""
+    """Split an IPv4 packet (RFC 791, section 3.1); None if it is too short to be one."""
     length = (data[0] & 0x0F) * 4 if data else 0
     if length < 20 or len(data) < length:
         return None
@@ -98,16 +98,16 @@ def datagram(data: bytes, port: int) -> typing.Optional[UdpDatagram]:
 
 
 def read_copies(raw: socket.socket, port: int) -> typing.Iterator[typing.Tuple[UdpDatagram, int]]:
-    """Yield the datagrams to a port that wait in a raw socket, with the number of their interface; 0 where that is not told (IP_PKTINFO)."""
+    """Yield the datagrams to a port that wait in a raw socket, with the number of their interface; 0 if that is not given (IP_PKTINFO)."""
     for data, ancillary, _flags, _sender in take_waiting(lambda: raw.recvmsg(128, 64)):
         found = datagram(data, port)
-        told = [info for level, kind, info in ancillary if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO)]
+        given = [info for level, kind, info in ancillary if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO)]
         if found:
-            yield found, struct.unpack("i", told[0][:4])[0] if told else 0
+            yield found, struct.unpack("i", given[0][:4])[0] if given else 0
 
 
 def take_waiting(take: typing.Callable[[], typing.Any], most: int = 1000) -> typing.Iterator[typing.Any]:
-    """Yield what waits in a socket that does not block, so much at most; `take` takes one of it."""
+    """Yield the data that waits in a socket that does not block, so much at most; `take` takes one of it."""
     for _unused in range(most):
         try:
             taken = take()

@@ -22,14 +22,14 @@ _NUMBER = 400  # digits: Python before 3.11 takes seconds for a long one, and ev
 _PIECE = 1 << 16  # bytes that are unpacked and read at once
 _TOKEN = 1 << 17  # bytes of one token of XML, such as a comment
 _TEXT = 4 << 20  # bytes of memory of one text
-_ELEMENT = 40  # bytes of memory that an element costs about, beside its text
+_ELEMENT = 40  # bytes of memory that an element costs about, besides its text
 _ROOMY = (
     56  # and one of these more, or a list that is in no value; a number of <bigdecimal> takes most, with Python 3.13
 )
 _ROOMY_TAGS = ("struct", "bigdecimal")
-_HEAD, _WIDE_HEAD = 20, 44  # and a text that is in no element of its own within a value, of ASCII and of others
+_HEAD, _WIDE_HEAD = 20, 44  # and a text that is in no element of its own within a value, of ASCII and of other signs
 _DEAR = 24 << 20  # bytes of memory of any document: 5,000 topics are 6 MB
-_SPARE = 1 << 20  # bytes of memory: what libraries write costs less than this and twice its length
+_SPARE = 1 << 20  # bytes of memory: a document of a library costs less than this and twice its length
 _NUMBERS = ("int", "i1", "i2", "i4", "i8", "biginteger", "bigdecimal", "double")
 
 Bytes = typing.Union[bytes, bytearray]
@@ -103,7 +103,7 @@ def _refuse_document_type(*_declaration: typing.Any) -> None:
 
 
 class Document:
-    """A document that is read piece by piece. Every method raises ValueError or what expat and xmlrpc have, or a Fault."""
+    """A document that is read piece by piece. Every method raises ValueError, an error of expat or xmlrpc, or a Fault."""
 
     def __init__(self, most: int, dear: int = _DEAR, longest: int = _TEXT, plain_types: bool = True) -> None:
         """`most`: bytes of the document; `dear`: of memory of its values; `longest`: of memory of one text.
@@ -132,7 +132,7 @@ class Document:
                 raise DocumentTooLarge(f"a token of more than {_TOKEN} bytes")
 
     def close(self) -> Values:
-        """The values, and the name of the method where it is a call."""
+        """The values, and the name of the method if it is a call."""
         self._parser.Parse(b"", True)
         return self._reader.close(), self._reader.getmethodname()
 
@@ -152,7 +152,7 @@ def unpack(pieces: typing.Iterable[Bytes], most: int) -> typing.Iterator[bytes]:
     except zlib.error as problem:
         raise ValueError(str(problem)) from None
     if not unpacker.eof:
-        raise ValueError("the end of what is packed is missing")
+        raise ValueError("the end of the packed text is missing")
 
 
 def _split(data: Bytes) -> typing.Iterator[Bytes]:

@@ -11,13 +11,13 @@ import xmlrpc.client
 
 from ..._base.deadlines import call_all
 from ..._base.plain_text import plain
-from ..._base.problem import tell_reason
+from ..._base.problem import explain_error
 from ..._machine import ports
 from . import node_services, tcpros
 from .xml_rpc import Strange, ask, read_state, server
 
 CALLER = "/multimaster_info"
-IMPORTS = "/rosfleet_multimaster/imports"  # a parameter that the bundled master_sync alone writes
+IMPORTS = "/rosfleet_multimaster/imports"  # a parameter that only the bundled master_sync writes
 PATIENCE = 30.0  # seconds for all roscores
 BUNDLED, UPSTREAM, SUCCESSOR = "bundled", "upstream", "fkie_mas"
 SUCCESSOR_TYPES = "fkie_mas_msgs/"  # how the types of its services begin; their content is upstream's
@@ -36,7 +36,7 @@ def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
 
 
 def _master(place: Row) -> typing.Optional[Row]:
-    """Describe the roscore at a place; None where something else answers there."""
+    """Describe the roscore at a place; None if something else answers there."""
     roscore = _uri_at(place)
     entry = _entry(place, "")
     try:
@@ -48,7 +48,7 @@ def _master(place: Row) -> typing.Optional[Row]:
     except Strange:
         return None
     except OSError as problem:
-        return dict(entry, error=plain(tell_reason(problem)))
+        return dict(entry, error=plain(explain_error(problem)))
     nodes = {node for table in tables for users in table.values() for node in users}
     entry.update(nodes=len(nodes), topics=len({*publishers, *subscribers}), services=len(services))
     provided = {name: users[0] for name, users in services.items() if users}
@@ -86,7 +86,7 @@ def _uri_at(place: Row) -> str:
 
 
 def _parameter(uri: str, name: str, default: typing.Any) -> typing.Any:
-    """Return a parameter of a roscore, or the default where it gives none."""
+    """Return a parameter of a roscore, or the default if it gives none."""
     try:
         return ask(uri, CALLER, "getParam", name)
     except OSError:
@@ -99,7 +99,7 @@ def _call(roscore: str, service: str, node: str, known: tcpros.Types) -> typing.
     try:
         return (entry, *tcpros.call_by_name(roscore, service, known, CALLER))
     except OSError as problem:
-        return dict(entry, error=plain(tell_reason(problem))), [], ""
+        return dict(entry, error=plain(explain_error(problem))), [], ""
 
 
 def _discovery(roscore: str, uri: str, service: str, node: str) -> Row:
@@ -128,7 +128,7 @@ def _implementation(uri: str) -> str:
 
 
 def _sync(roscore: str, service: str, node: str) -> Row:
-    """Describe a sync node, by what it tells of its imports."""
+    """Describe a sync node, by its report of its imports."""
     entry, hosts, kind = _call(roscore, service, node, tcpros.GET_SYNC_INFO)
     entry["imports"] = [_count_imports(host) for host in hosts]
     if kind.startswith(SUCCESSOR_TYPES):
@@ -139,7 +139,7 @@ def _sync(roscore: str, service: str, node: str) -> Row:
 
 
 def _count_imports(host: Row) -> Row:
-    """Count what is registered for another master."""
+    """Count the registrations for another master."""
     entries = [*host["publisher"], *host["subscriber"], *host["services"]]
     return {
         "master": plain(host["masteruri"]),
@@ -150,5 +150,5 @@ def _count_imports(host: Row) -> Row:
 
 
 def _number(value: typing.Any) -> int:
-    """Return a whole number of others; 0 where it is none."""
+    """Return a foreign value if it is a whole number, else 0."""
     return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 31 else 0

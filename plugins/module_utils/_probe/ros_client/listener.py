@@ -3,7 +3,7 @@
 
 """A node that subscribes many topics of texts, like `rostopic echo` for each, and needs no rospy.
 
-It is registered at the roscore, which tells it of publishers; it asks each of them for its topic, and reads a message.
+It is registered at the roscore, which sends it the publishers; it asks each of them for its topic, and reads a message.
 """
 
 import os
@@ -15,7 +15,7 @@ import typing
 from functools import partial
 
 from ..._base.plain_text import quote
-from ..._base.problem import tell_reason
+from ..._base.problem import explain_error
 from . import node, tcpros
 from .hosts import spell_host
 from .ros import Ros
@@ -24,14 +24,14 @@ from .xml_rpc import server
 WORKERS = 32  # publishers that are asked at the same time: one that does not answer takes its worker for some seconds
 AGAIN = 0.5  # seconds until a publisher is asked again that did not answer
 FAREWELL = 30.0  # seconds in which a busy roscore may take the registrations back
-# How far a call has come: the roscore has told of a publisher, that has said where its topic is to be had, its data port is open.
+# How far a call has come: the roscore has announced a publisher, that has named the port of its topic, its data port is open.
 TOLD, ANSWERED, CONNECTED = "told", "answered", "connected"
 
 Message = typing.Dict[str, typing.Any]
 
 
 def place_of(topic: str, uri: str, caller: str) -> typing.Tuple[str, int]:
-    """Ask a publisher where its topic is to be had. Raises OSError, and what a strange answer makes of it."""
+    """Ask a publisher for the port of its topic. Raises OSError, and the errors of a strange answer."""
     code, answer, place = server(uri).requestTopic(caller, topic, [["TCPROS"]])
     if code != 1:
         raise OSError(f"it does not give the topic: {quote(answer)}")
@@ -71,7 +71,7 @@ class TopicListener:
         topics: typing.List[str] = []
         try:
             for topic in self.wanted:
-                topics.append(topic)  # also where the answer does not come in time: the roscore may carry it out
+                topics.append(topic)  # also if the answer does not come in time: the roscore may carry it out
                 self._on_publishers(
                     topic, self.ros.ask("registerSubscriber", topic, node.TYPE, self.node.uri, caller=self.name)
                 )
@@ -82,7 +82,7 @@ class TopicListener:
             self.node.ended = True
 
     def _leave(self, topics: typing.Sequence[str], deadline: float) -> None:
-        """Take the registrations back. What stays would be a node that does not answer, on every robot."""
+        """Take the registrations back. A registration that stays would be a node that does not answer, on every robot."""
         for topic in topics:
             while time.monotonic() < deadline:
                 try:
@@ -122,11 +122,11 @@ class TopicListener:
                 steps.append(ANSWERED)
                 self._hear(topic, *tcpros.hear(place, topic, self.name, partial(steps.append, CONNECTED)))
             except Exception as problem:  # whatever a stranger answers
-                self.errors[topic], self.steps[topic] = f"{quote(uri)}: {quote(tell_reason(problem))}", steps[-1]
+                self.errors[topic], self.steps[topic] = f"{quote(uri)}: {quote(explain_error(problem))}", steps[-1]
                 self._due.put((time.monotonic() + AGAIN, topic, uri))
 
     def _hear(self, topic: str, text: str, publisher: str) -> None:
-        """Note what was said; an older talker may come first."""
+        """Note a message; an older talker may come first."""
         with self._lock:
             if self.heard.get(topic, {}).get("text") != self.wanted[topic]:
                 seconds = round(time.monotonic() - self._began, 1)

@@ -14,7 +14,7 @@ import sys
 
 def md5sums(types):
     """Return {type: md5 sum} of the types whose classes are there."""
-    import roslib.message  # noqa: PLC0415 only where it runs as a program
+    import roslib.message  # noqa: PLC0415 only if it runs as a program
 
     result = {}
     for name in types:

@@ -58,7 +58,7 @@ class _Stream:
         self.bytes = 0
 
     def took(self, size: int) -> typing.Optional[str]:
-        """Count a piece; at the end return what came: bytes and seconds."""
+        """Count a piece; at the end return the sum: bytes and seconds."""
         now = time.monotonic()
         if self.began is None:
             self.began = now  # the first piece was under way for an unknown time
@@ -82,7 +82,7 @@ class _Link:
 
 
 class ProbeNode:
-    """A node with its sockets. `told` is called with the name of a topic and its publishers when the roscore tells them."""
+    """A node with its sockets. `announced` is called with the name of a topic and its publishers when the roscore sends them."""
 
     def __init__(
         self,
@@ -90,10 +90,10 @@ class ProbeNode:
         host: str,
         master: str,
         topics: typing.Mapping[str, str],
-        told: typing.Callable[[str, typing.List[str]], None] = lambda topic, publishers: None,
+        announced: typing.Callable[[str, typing.List[str]], None] = lambda topic, publishers: None,
     ) -> None:
         """Open the sockets; `topics` are {published topic: its text}. Raises OSError."""
-        self.name, self.host, self.master, self.topics, self.told = name, host, master, topics, told
+        self.name, self.host, self.master, self.topics, self.announced = name, host, master, topics, announced
         self.ended = False
         self._links: typing.Set[_Link] = set()
         self._selector = selectors.DefaultSelector()
@@ -145,7 +145,7 @@ class ProbeNode:
         self._selector.register(connection, selectors.EVENT_READ, link)
 
     def _move(self, link: _Link) -> None:
-        """Read what has come, answer a question that is whole, write what is due."""
+        """Read the bytes that have come, answer a question that is whole, write the bytes that are due."""
         try:
             if link.written:
                 self._write(link)
@@ -212,10 +212,10 @@ class ProbeNode:
             self._begin(link, topic, float(asked["stream"]))
             return
         link.topic, link.name, link.deadline = topic, asked.get("callerid", ""), None
-        told = {"callerid": self.name, "topic": topic, "type": TYPE, "md5sum": SUM, "latching": "0"}
-        self._say(link, encode_header(dict(told, message_definition=DEFINITION)) + message(self.topics[topic]))
+        fields = {"callerid": self.name, "topic": topic, "type": TYPE, "md5sum": SUM, "latching": "0"}
+        self._say(link, encode_header(dict(fields, message_definition=DEFINITION)) + message(self.topics[topic]))
 
-    # Streams: a subscriber of this verification sends for a moment, and is told how much came
+    # Streams: a subscriber of this verification sends for a moment, and gets the number of bytes that came
 
     def _begin(self, link: _Link, topic: str, seconds: float) -> None:
         """Take a stream, one at a time: two would measure each other."""
@@ -250,14 +250,14 @@ class ProbeNode:
         return xmlrpc.client.dumps((ANSWERS[method](self, *arguments[1:]),), methodresponse=True)
 
     def ask_for_topic(self, topic: str, _protocols: typing.Any) -> typing.List[typing.Any]:
-        """Say where a topic is to be had."""
+        """Give the port of a topic."""
         if topic not in self.topics:
             return [0, "not published here", 0]
         return [1, "ready", ["TCPROS", self.host, self._ports[1]]]
 
     def take_publishers(self, topic: str, publishers: typing.List[str]) -> typing.List[typing.Any]:
         """Take the publishers of a topic from the roscore."""
-        self.told(str(topic), [str(uri) for uri in publishers])
+        self.announced(str(topic), [str(uri) for uri in publishers])
         return [1, "taken", 0]
 
     def end(self, _reason: str = "") -> typing.List[typing.Any]:
@@ -325,7 +325,7 @@ def _register(roscore: typing.Any, name: str, topic: str, uri: str) -> bool:
 
 
 def _program() -> None:
-    """Run it, and end with one line of the journal where it cannot go on: a traceback would have the text of others in it."""
+    """Run it, and end with one line of the journal if it cannot go on: a traceback would have foreign text in it."""
     try:
         main(*sys.argv[1:])
     except Exception as problem:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The hosts that people's nodes announce, as they stand in their URIs at the roscore."""
+"""The hosts that people's nodes announce, as they are in their URIs at the roscore."""
 
 import collections
 import typing
@@ -46,7 +46,7 @@ def announced(
         (host, port), its = place_of(uri), host_of(services.get(node, ""))
         elsewhere = bool(host and its) and computers.get(host, host) != computers.get(its, its)
         if "://" in uri and (host not in computers or elsewhere):
-            # A host in another spelling, which each program reads in its own way, stands there with all of its URI.
+            # A host in another spelling, which each program reads in its own way, is there with all of its URI.
             shown = host or plain(uri, LINE)
             found.append({"node": node, "host": shown, "port": port, "services": its if elsewhere else ""})
     return found[:MOST]

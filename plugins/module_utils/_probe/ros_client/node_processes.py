@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The processes of people's nodes on this computer: the host that they announce, the roscore that they use, and what has started them.
+"""The processes of people's nodes on this computer: the host that they announce, the roscore that they use, and their starters.
 
-Of an environment only ROS_HOSTNAME, ROS_IP and the host and port of ROS_MASTER_URI are told, and of a command line the node's
+Of an environment only ROS_HOSTNAME, ROS_IP and the host and port of ROS_MASTER_URI are reported, and of a command line the node's
 name and the name of a launch file: anything else may be a secret.
 """
 
@@ -23,7 +23,7 @@ LOOPBACK = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback
 ROSCORE_PORT = 11311  # of a URI without a port (rosgraph.rosenv)
 _MOST_WORDS = 65536  # bytes of a command line
 _MOST_PARENTS = 8
-#: what decides the host that a node announces, the first before the others (rosgraph.network, ros::network::init)
+#: the variables that decide the host that a node announces, the first before the others (rosgraph.network, ros::network::init)
 _ARGUMENTS = ("__hostname", "__ip")
 _VARIABLES = ("ROS_HOSTNAME", "ROS_IP")
 _STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # who starts shells
@@ -36,7 +36,7 @@ def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc"
     """List processes of ROS on this computer that are not as planned: the host that they announce, their roscore, or their network; or stopped.
 
     A process of ROS has ROS_MASTER_URI, or the name of a node among its words, and listens, as each node does. A node whose
-    environment cannot be read, as root in a container may not, is listed with what its command line says.
+    environment cannot be read, as root in a container may not, is listed with the words of its command line.
     """
     members = list(members)
     planned = Planned(members, own, master)
@@ -62,11 +62,13 @@ class Planned:
         self._place, self._port = _read_place(master)
         same = [one for one in members if self._place in list_hosts([one], lambda _member: True)]
         self._masters = {self._place, *list_hosts(same, lambda _member: True)}
-        if any(member["name"] == own for member in same):  # nodes beside the roscore may call it as they like
+        if any(
+            member["name"] == own for member in same
+        ):  # nodes on the computer of the roscore may call it as they like
             self._masters.update((*LOOPBACK, socket.gethostname().lower()))
 
     def is_master(self, uri: str) -> bool:
-        """Return True if a URI leads to the planned roscore; True where none is planned, or where the URI cannot be read."""
+        """Return True if a URI leads to the planned roscore; True if none is planned, or if the URI cannot be read."""
         host, port = _read_place(uri)
         return not self._place or not host or (host in self._masters and port == self._port)
 
@@ -76,7 +78,7 @@ class Planned:
 
 
 def _read_place(uri: str) -> typing.Tuple[str, int]:
-    """Return host and port of the URI of a roscore as rosgraph reads it in the environment of a person; an empty host where it has none."""
+    """Return host and port of the URI of a roscore as rosgraph reads it in the environment of a person; an empty host if it has none."""
     try:
         parts = urlsplit(uri)
         return (parts.hostname or "").lower() if is_plain(uri) else "", parts.port or ROSCORE_PORT
@@ -96,7 +98,7 @@ class Sockets:
         return {one.inode: one.port for one in ports.read_sockets("tcp", folder) if one.state == ports.LISTEN}
 
     def list_ports(self, pid: int) -> typing.List[int]:
-        """List the ports on which a process listens; empty where this user may not look. Raises OSError where it has ended."""
+        """List the ports on which a process listens; empty if this user may not look. Raises OSError if it has ended."""
         try:
             inodes = ports.list_inodes(pid, self._proc)
         except PermissionError:
@@ -112,7 +114,7 @@ class Sockets:
 
 
 def _find_network(proc: str, pid: str) -> str:
-    """Return the name of the network namespace of a process (namespaces(7)); empty where it cannot be read."""
+    """Return the name of the network namespace of a process (namespaces(7)); empty if it cannot be read."""
     try:
         return os.readlink(os.path.join(proc, pid, "ns/net"))
     except OSError:
@@ -185,7 +187,7 @@ def _is_contained(pid: int, proc: str) -> bool:
 def _find_host(
     arguments: typing.Dict[str, str], variables: typing.Dict[str, str], contained: bool, pid: int, proc: str
 ) -> typing.Tuple[str, str]:
-    """The host that a node announces, and what has decided it; empty for a container that does not tell its name."""
+    """The host that a node announces, and the variable that has decided it; empty for a container that does not show its name."""
     given = [(arguments.get(name), name) for name in _ARGUMENTS] + [(variables.get(name), name) for name in _VARIABLES]
     for host, source in given:
         if host:
@@ -195,7 +197,7 @@ def _find_host(
 
 
 def _find_starter(pid: int, unit: str, contained: bool, proc: str) -> typing.Tuple[str, str]:
-    """Tell what has started a process: container, launch, unit or shell; and the name of the launch file."""
+    """Return the starter of a process: container, launch, unit or shell; and the name of the launch file."""
     if contained or _CONTAINERS.match(unit):
         return "container", ""
     launch = _find_launch_file(pid, proc)
@@ -205,7 +207,7 @@ def _find_starter(pid: int, unit: str, contained: bool, proc: str) -> typing.Tup
 
 
 def _find_launch_file(pid: int, proc: str) -> typing.Optional[str]:
-    """Return the name of the launch file of the roslaunch above a process; None where none is above it."""
+    """Return the name of the launch file of the roslaunch above a process; None if none is above it."""
     for _generation in range(_MOST_PARENTS):
         pid = processes.find_parent(pid, proc)
         if pid <= 1:

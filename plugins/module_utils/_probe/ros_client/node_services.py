@@ -4,7 +4,7 @@
 """The services of discovery and sync nodes at a roscore, under whatever name, and whose they are.
 
 The bundled nodes, multimaster_fkie and fkie_mas have the same services below names of their own. Some sync nodes register
-even those of another robot, which would tell what is known and registered there.
+even those of another robot, which would list the registrations there.
 """
 
 import typing
@@ -41,7 +41,7 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
 
 
 def _look_up(roscore: str, caller: str, service: str) -> str:
-    """Return the host of a service; empty where the roscore knows none."""
+    """Return the host of a service; empty if the roscore knows none."""
     try:
         return host_of(str(ask(roscore, caller, "lookupService", service)))
     except OSError:

@@ -17,7 +17,7 @@ from ..._base.commands import BASE_PATH, text
 from ..._base.deadlines import poll, stretch
 from ..._base.foreign import foreign
 from ..._base.plain_text import plain
-from ..._base.problem import tell_reason
+from ..._base.problem import explain_error
 from ..._base.regular_files import read_regular
 from ..._contract.outcomes import Outcome
 from ..._machine import ports
@@ -36,7 +36,7 @@ class Ros:
     """The ROS of this computer, as its services see it."""
 
     def __init__(self, environment_file: str, without: typing.Optional[typing.Mapping[str, str]] = None) -> None:
-        """`without`: the variables where the file is not there."""
+        """`without`: the variables if the file is not there."""
         self.file = environment_file
         self.variables = environment(text(environment_file)) or dict(without or {})
         self.uri = self.variables.get("ROS_MASTER_URI", "")
@@ -74,7 +74,7 @@ class Ros:
         return answer.text, plain(error) if answer.status else ""
 
     def ask(self, method: str, *arguments: typing.Any, caller: str = CALLER) -> typing.Any:
-        """Call a method of the master API. Raises OSError with a sentence where the roscore gives no value."""
+        """Call a method of the master API. Raises OSError with a sentence if the roscore gives no value."""
         return ask(self.uri, caller, method, *arguments)
 
     def read_state(self) -> Tables:
@@ -100,7 +100,7 @@ def roscore(ros: Ros, deadline: float) -> typing.Dict[str, typing.Any]:
 
 
 def _look_closer(seen: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
-    """Add what a connection alone gives, and how many wait to be taken: a roscore that hangs is told from a packet filter."""
+    """Add the outcome of a mere connection, and how many wait to be taken: this distinguishes a roscore that hangs from a packet filter."""
     host, port = place_of(seen["uri"])
     if not host or not port:
         return seen
@@ -108,9 +108,9 @@ def _look_closer(seen: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.
 
 
 def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.Dict[str, typing.Any]:
-    """Do what `rosservice call /master_discovery/list_masters` does, again until the wanted names are online.
+    """Call the service of `rosservice call /master_discovery/list_masters`, again until the wanted names are online.
 
-    A discovery node that somebody has started may have another name, as that of fkie_mas has.
+    A discovery node that a person has started may have another name, as that of fkie_mas has.
     """
     began = time.monotonic()
     missing = ros.problem("rosservice")
@@ -123,7 +123,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
             service = own[0] if own else LIST_MASTERS
             rows, _type = tcpros.call_by_name(ros.uri, service, tcpros.LIST_MASTERS, CALLER)
         except OSError as problem:
-            return {"masters": [], "error": plain(tell_reason(problem))}
+            return {"masters": [], "error": plain(explain_error(problem))}
         return {
             "masters": [{key: row[key] for key in ("name", "uri", "online", "monitoruri")} for row in rows],
             "error": "",
@@ -134,7 +134,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
 
 
 def interpreter(script: bytes) -> typing.List[str]:
-    """Return the words of a script's first line (execve(2)), which run it; empty where it is no script."""
+    """Return the words of a script's first line (execve(2)), which run it; empty if it is no script."""
     line = script.split(b"\n", 1)[0].decode("utf-8", "replace")
     return line[2:].split() if line.startswith("#!") else []
 

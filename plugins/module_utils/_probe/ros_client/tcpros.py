@@ -34,7 +34,7 @@ Row = typing.Dict[str, typing.Any]
 
 
 class ValueReader:
-    """The values of a message, one after the other. Raises ValueError where they are none."""
+    """The values of a message, one after the other. Raises ValueError if they are none."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._at, self._entries = data, 0, 0
@@ -109,7 +109,7 @@ def _sync_master(reader: ValueReader) -> Row:
 Types = typing.Mapping[str, typing.Callable[[ValueReader], Row]]
 
 # md5 sum of a service -> how an entry of its answer is read; both services answer with one list, and ask nothing.
-# Upstream's from 0.3.6 on, which is older than all that run where the modules do.
+# Upstream's from 0.3.6 on, which is older than all that run on computers of the modules.
 LIST_MASTERS = {
     "31a962d97ea3e3c12d428ff4786f124b": _master,  # since 1.1.0
     "bc7525cc24dd3b880f044a2cdfb95aad": _master,  # before, as on Melodic
@@ -154,7 +154,7 @@ def call(uri: str, service: str, known: Types, caller: str) -> typing.Tuple[typi
 
 
 def call_by_name(master: str, service: str, known: Types, caller: str) -> typing.Tuple[typing.List[Row], str]:
-    """Call a service where the roscore at `master` says that it is. Returns and raises as `call` does."""
+    """Call a service at the address that the roscore at `master` gives. Returns and raises as `call` does."""
     return call(str(ask(master, caller, "lookupService", service)), service, known, caller)
 
 
@@ -215,7 +215,7 @@ def send_stream(place: typing.Tuple[str, int], topic: str, caller: str, seconds:
 def _subscribe(
     connection: socket.socket, topic: str, caller: str, deadline: float, **more: str
 ) -> typing.Dict[str, str]:
-    """Subscribe a topic of texts; return the header of the answer. Raises OSError with the publisher's words where it refuses."""
+    """Subscribe a topic of texts; return the header of the answer. Raises OSError with the publisher's words if it refuses."""
     asked = {"callerid": caller, "topic": topic, "type": node.TYPE, "md5sum": node.SUM, **more}
     connection.sendall(encode_header(asked))
     fields = decode_fields(_read_block(connection, _HEADER, deadline), "replace")

@@ -78,7 +78,7 @@ class Strange(OSError):
 
 
 def ask(uri: str, caller: str, method: str, *arguments: typing.Any) -> typing.Any:
-    """Call a method of the master API. Raises OSError where the roscore gives no value, and Strange where it is none."""
+    """Call a method of the master API. Raises OSError if the roscore gives no value, and Strange if its answer has another form."""
     try:
         code, message, value = getattr(server(uri, STATE), method)(caller, *arguments)
     except OSError as problem:
@@ -93,7 +93,7 @@ def ask(uri: str, caller: str, method: str, *arguments: typing.Any) -> typing.An
 
 
 def read_state(uri: str, caller: str) -> Tables:
-    """Read publishers, subscribers and services of a roscore: {name: nodes}. Raises OSError, and Strange where the answer has another form."""
+    """Read publishers, subscribers and services of a roscore: {name: nodes}. Raises OSError, and Strange if the answer has another form."""
     state = ask(uri, caller, "getSystemState")
     try:
         return [{str(name): [str(node) for node in nodes] for name, nodes in state[part]} for part in range(3)]

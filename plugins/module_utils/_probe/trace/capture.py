@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Packets of one run, as they come in and go out: a packet socket, its filter in the kernel, and the reader of what it gives.
+"""Packets of one run, as they come in and go out: a packet socket, its filter in the kernel, and the reader of its data.
 
-The filter lets through what this run has sent, its answers, the ICMP errors, and ARP. So the other traffic of a robot costs
+The filter lets through the packets of this run, its answers, the ICMP errors, and ARP. So the other traffic of a robot costs
 nothing, and the socket needs no promiscuous mode: a packet with the hardware address of another computer is not its business.
 
 An interface above others, as that of a VLAN, a bridge or a bond, shows a packet once more: first as it goes out, last as it comes in.
-What comes in with the tag of a VLAN (802.1Q) has come in only where the VLAN's interface shows it, without the tag.
+A packet with the tag of a VLAN (802.1Q) has come in only if the VLAN's interface shows it, without the tag.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ import typing
 from ..._machine.network import UpperInterface
 from ..multicast.packets import ARP_OF_IPV4, attach_filter, checksum, packet, read_arp, take_waiting, write_mac
 
-ANY_PROTOCOL = 3  # ETH_P_ALL of linux/if_ether.h: only such a socket is shown what goes out
+ANY_PROTOCOL = 3  # ETH_P_ALL of linux/if_ether.h: only such a socket gets outgoing packets
 IPV4, ARP, VLAN = 0x0800, 0x0806, 0x8100
 TAGS = (b"\x81\x00", b"\x88\xa8")  # begin a tag of four bytes in a header of Ethernet (802.1Q, 802.1ad)
 ICMP, TCP, UDP = 1, 6, 17
@@ -36,7 +36,7 @@ SYN, RST, ACK = 0x02, 0x04, 0x10  # flags of TCP (RFC 9293)
 ERRORS = (3, 11, 12)
 REQUEST, ANSWER, ERROR = "request", "answer", "error"
 
-# Offsets of linux/filter.h: what the kernel knows of a packet, and its network header, whatever stands before it
+# Offsets of linux/filter.h: the fields that the kernel knows of a packet, and its network header, whatever comes before it
 SKF_AD_PROTOCOL, NETWORK = 0xFFFFF000, 0xFFF00000
 SKF_AD_PKTTYPE, SKF_AD_VLAN_TAG, SKF_AD_VLAN_TAG_PRESENT = (SKF_AD_PROTOCOL + more for more in (4, 44, 48))
 # Classic BPF (kernel: Documentation/networking/filter.rst): code of each instruction that is used here
@@ -70,7 +70,7 @@ class Capture(typing.NamedTuple):
     kind: str  # request, answer or error
     protocol: str  # icmp, tcp, udp or arp
     source: str  # IPv4 address; of an ARP message, of the computer that sends it
-    destination: str  # IPv4 address; of an ARP message, the one that is asked for, or told
+    destination: str  # IPv4 address; of an ARP message, the one that is asked for, or answered
     source_port: int
     port: int
     number: int  # of the probe, in ICMP and UDP; -1 in others
@@ -88,13 +88,13 @@ class Capture(typing.NamedTuple):
 # The filter
 
 
-# The program for all runs: (code, jump if true, jump if false, operand); a jump names a block, or counts what it leaves out
+# The program for all runs: (code, jump if true, jump if false, operand); a jump names a block, or counts the blocks that it leaves out
 _TAGS: typing.List[typing.Tuple] = [
     (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG_PRESENT),
     (EQUAL, "kinds", 0, 0),
     (LOAD_WORD, 0, 0, SKF_AD_PKTTYPE),
     (EQUAL, "kinds", 0, OUTGOING),
-    (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG),  # it may be left over where none is present
+    (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG),  # it may be left over if none is present
     (ANY_BIT, "refuse", 0, 0x0FFF),  # without a number it only has a priority
 ]
 _KINDS: typing.List[typing.Tuple] = [
@@ -179,19 +179,19 @@ def read_packets(
         header, protocol = _find_network_header(data, hardware, protocol)
         macs = (write_mac(data[6:12]), write_mac(data[:6])) if header else ("", "")
         if kind == FOR_OTHERS and (interface not in ports or macs[1] != ports[interface].mac):
-            continue  # somebody else has set an interface to promiscuous mode
-        if kind == FOR_US and interface in ports:  # a bond may tell others the hardware addresses of its ports
+            continue  # a foreign program has set an interface to promiscuous mode
+        if kind == FOR_US and interface in ports:  # a bond may send others the hardware addresses of its ports
             macs = (macs[0], ports[interface].mac)
         found = read_packet(tag, protocol, data[header:], macs)
         if found is None or interface == "lo":
             continue
         if kind == OUTGOING and interface in above and found.protocol != "arp":
-            continue  # it has left where a port shows it, and may be dropped before
+            continue  # it has left if a port shows it, and may be dropped before
         yield found._replace(interface=interface, outgoing=kind == OUTGOING)
 
 
 def _find_network_header(data: bytes, hardware: int, protocol: int) -> typing.Tuple[int, int]:
-    """Return where the network header begins, behind the tags of VLANs, and its protocol."""
+    """Return the place at which the network header begins, behind the tags of VLANs, and its protocol."""
     header = ETHERNET if hardware in WITH_HEADER else 0
     while header and data[header - 2 : header] in TAGS:
         header += 4
@@ -258,7 +258,7 @@ def _read_tcp(tag: Tag, plain: Capture, body: bytes) -> typing.Optional[Capture]
     source, target, sequence = struct.unpack("!HHI", body[:8])
     if not {source, target} & set(tag.ports):
         return None
-    flags = body[13] if len(body) > 13 else SYN  # an error quotes eight bytes alone, and requests are what is refused
+    flags = body[13] if len(body) > 13 else SYN  # an error quotes only eight bytes, and requests are refused
     plain = plain._replace(protocol="tcp", source_port=source, port=target, sequence=sequence)
     if flags & ACK and flags & (SYN | RST):
         answered = struct.unpack("!I", body[8:12])[0]
@@ -267,7 +267,7 @@ def _read_tcp(tag: Tag, plain: Capture, body: bytes) -> typing.Optional[Capture]
 
 
 def _read_udp(tag: Tag, plain: Capture, body: bytes) -> typing.Optional[Capture]:
-    """Read a datagram. An error may quote eight bytes of it alone, so its number is not known."""
+    """Read a datagram. An error may quote only eight bytes of it, so its number is not known."""
     source, target = struct.unpack("!HH", body[:4])
     word, number = struct.unpack("!IB", body[8:13]) if len(body) >= 13 else (tag.word, -1)
     if word != tag.word:

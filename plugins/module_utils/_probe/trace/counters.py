@@ -3,7 +3,7 @@
 
 """Counters of the kernel for packets that it gives up, and rules of the packet filter that count.
 
-A counter says neither which packet nor whose. What has grown while packets were followed is a hint, beside the place that
+A counter says neither which packet nor whose. A counter that has grown during the packet trace is a hint, in addition to the place that
 the packets themselves show.
 """
 
@@ -13,7 +13,7 @@ import typing
 from ..._base.commands import run, text
 from ..._machine.filters import list_written_rules
 
-# Tables of proc(5) with a line of names and a line of numbers, and the names that stand for packets given up. The kernel's
+# Tables of proc(5) with a line of names and a line of numbers, and the names that mean packets given up. The kernel's
 # meaning of each is in Documentation/networking/snmp_counter.rst.
 TABLES = {
     "/proc/net/snmp": {
@@ -30,11 +30,11 @@ TABLES = {
 TRACKED = "/proc/net/stat/nf_conntrack"  # a line of names, then one of hexadecimal numbers for each processor
 LOST_TRACKS = ("drop", "early_drop", "insert_failed", "invalid")
 DEVICES = "/proc/net/dev"
-# Columns of that table: bytes, packets, errs, drop, ... of what comes in, and the same of what goes out
+# Columns of that table: bytes, packets, errs, drop, ... of incoming packets, and the same of outgoing ones
 DEVICE_COLUMNS = {2: "errors in", 3: "drops in", 10: "errors out", 11: "drops out"}
 MOST_RULES = 500  # that are read
 LEGACY = (
-    "/proc/net/ip_tables_names"  # tables of the iptables before nftables; a line each, where the kernel has such tables
+    "/proc/net/ip_tables_names"  # tables of the iptables before nftables; a line each, if the kernel has such tables
 )
 SAVED = re.compile(r"\[(\d+):\d+\] -A (\S+) (.*-j (?:DROP|REJECT)\b.*)")
 POLICY = re.compile(r":(\S+) DROP \[(\d+):\d+\]")
@@ -45,7 +45,7 @@ Counters = typing.Dict[str, int]
 
 
 def read_counters() -> Counters:
-    """Read all counters that stand for packets given up, by a name for people."""
+    """Read all counters that mean packets given up, by a name for people."""
     found: Counters = {}
     for path, tables in TABLES.items():
         found.update(read_table(text(path), tables))
@@ -67,7 +67,7 @@ def read_table(lines: str, tables: typing.Dict[str, typing.Tuple[str, ...]]) -> 
 
 
 def read_tracks(lines: str) -> Counters:
-    """Read what the table of connections has given up; nothing where the kernel has none."""
+    """Count the packets that the table of connections has given up; nothing if the kernel has none."""
     rows = [line.split() for line in lines.splitlines()]
     if not rows:
         return {}
@@ -76,7 +76,7 @@ def read_tracks(lines: str) -> Counters:
 
 
 def read_devices(lines: str) -> Counters:
-    """Read what each interface has lost."""
+    """Read the losses of each interface."""
     found = {}
     for line in lines.splitlines()[2:]:
         name, _colon, rest = line.partition(":")
@@ -128,5 +128,5 @@ def read_saved(lines: str) -> Counters:
 
 
 def find_growth(before: Counters, after: Counters) -> Counters:
-    """Return what has grown, and by how much. What was not read before may have grown in its whole life."""
+    """Return the counters that have grown, and by how much. A counter that was not read before may have grown in its whole life."""
     return {name: value - before[name] for name, value in after.items() if value > before.get(name, value)}

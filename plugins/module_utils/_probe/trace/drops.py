@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Why the kernel drops packets, where tracefs tells it: the event skb:kfree_skb (Documentation/trace/events.rst), since Linux 5.17.
+"""Why the kernel drops packets, if tracefs shows it: the event skb:kfree_skb (Documentation/trace/events.rst), since Linux 5.17.
 
 The event says neither which packet nor in which network namespace. So a reason is a hint, as a counter is, and it is that of the whole
 kernel: containers with tracefs share it.
 
 A listener holds a lock, flock(2), on its folder in tracefs. The kernel frees it when the listener is killed. So the next one knows
-what nobody needs any more, also of containers whose processes it does not see, and removes it.
+the folders that nobody needs any more, also of containers whose processes it does not see, and removes it.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ import typing
 
 TRACEFS = "/sys/kernel/tracing"
 INSTANCES = "instances"
-# A buffer and switches of its own, beside those of other tools: a name for each network namespace.
+# A buffer and switches of its own, apart from those of other tools: a name for each network namespace.
 NAME = "rosfleet_packet_trace_%d"
 OURS = re.compile(r"rosfleet_packet_trace_[0-9]+\Z")
 NAMESPACE = "/proc/self/ns/net"
@@ -32,7 +32,7 @@ REASON = re.compile(r" reason: (?!NOT_SPECIFIED)([A-Z][A-Z0-9_]{1,60})$", re.M)
 
 
 class DropReasons:
-    """Counts the drops of a time by their reasons. Where tracefs is not there, or not for us, there are none."""
+    """Counts the drops of a time by their reasons. If tracefs is not there, or not for us, there are none."""
 
     def __init__(self, tracefs: str = TRACEFS) -> None:
         namespace = os.stat(NAMESPACE).st_ino if os.path.exists(NAMESPACE) else 0
@@ -69,7 +69,7 @@ class DropReasons:
         return {f"drop reason {reason}": reasons.count(reason) for reason in set(reasons)}
 
     def _begin(self) -> None:
-        """Make the folder, lock it, and switch the event on. Raises OSError, also where a listener has this folder."""
+        """Make the folder, lock it, and switch the event on. Raises OSError, also if a listener has this folder."""
         os.mkdir(self._folder, 0o700)
         descriptor = _open(self._folder)
         try:
@@ -98,7 +98,7 @@ class DropReasons:
 
 
 def _remove_orphans(instances: str) -> None:
-    """Remove what killed listeners left."""
+    """Remove the remains of killed listeners."""
     with contextlib.suppress(OSError):
         for name in filter(OURS.match, os.listdir(instances)):
             _remove_orphan(os.path.join(instances, name))
@@ -120,7 +120,7 @@ def _open(folder: str) -> int:
 
 
 def _is_at(descriptor: int, folder: str) -> bool:
-    """True where this folder is still at its path: its listener may have removed it, and another one made it again."""
+    """True if this folder is still at its path: its listener may have removed it, and another one made it again."""
     return os.path.samestat(os.fstat(descriptor), os.lstat(folder))
 
 

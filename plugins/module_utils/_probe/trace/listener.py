@@ -83,7 +83,7 @@ def _listen(
 
 
 def report(packets: Packets, grown: typing.Dict[str, int]) -> Reply:
-    """Return what was seen, as the module returns it."""
+    """Return the packets that were seen, as the module returns them."""
     named = sorted(grown.items(), key=lambda item: (not item[0].startswith("rule of "), item))  # rules say most
     counters = [{"counter": name, "more": more} for name, more in named[:MOST_COUNTERS]]
     fixed = [hardware for hardware, by_hand in neighbours().values() if by_hand]

@@ -25,7 +25,7 @@ Result = typing.Dict[str, typing.Any]
 
 
 def find_wrong_option(params: Params) -> typing.Optional[str]:
-    """Say in one sentence which option cannot be used; None where all can."""
+    """Name in one sentence the option that cannot be used; None if all can."""
     wrong = find_wrong_value(params, (("lifetime", 1, 120),), " seconds")
     if wrong:
         return wrong
@@ -74,7 +74,7 @@ def send_probes(params: Params, _check_mode: bool) -> Result:
 
 
 def collect_packets(params: Params, _check_mode: bool) -> Result:
-    """Ask the listener for what it has seen. It ends with its answer."""
+    """Ask the listener for the packets that it has seen. It ends with its answer."""
     reply = ask(path_of(KIND, params["run"]), {"do": "tell"}, ANSWER)
     if not reply:
         raise Problem(

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The sender: this computer sends once more what failed, with the tag of the run.
+"""The sender: this computer sends the failed packets once more, with the tag of the run.
 
 A connection is an ordinary one, since rules for users, connections and states must treat it as that of a node.
 """

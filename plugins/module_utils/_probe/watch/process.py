@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
-"""The process of a watch: its sockets, and its loop; watch.py decides what they mean.
+"""The process of a watch: its sockets, and its loop; watch.py interprets them.
 
 It hears the heartbeats of discovery on a raw socket, which gives copies of datagrams and takes none away. It does not join
-the group: a join would tell a switch with IGMP snooping what the switch had forgotten, and hide what is looked for.
+the group: a join would remind a switch with IGMP snooping of the group, and hide the fault that is looked for.
 """
 
 import math
@@ -21,9 +21,9 @@ from .watch import GOOD, Watch
 
 LOOK = 3.0  # seconds between two looks at the parts of this computer
 TURN = 0.5  # seconds between two searches for silent computers
-SLOWEST = 15.0  # seconds until a loss is told, and after which a look hangs
+SLOWEST = 15.0  # seconds until a loss is reported, and after which a look hangs
 ABANDONED = 600.0  # seconds without a visitor, two of the longest rounds of the controller, after which it has vanished
-READINGS = "readings", "readings"  # the kind and name of what says if the other values are read at all
+READINGS = "readings", "readings"  # the kind and name of the value that says if the other values are read at all
 RECORD = 24  # bytes of a heartbeat
 MARK = b"R"
 
@@ -45,7 +45,7 @@ def look_once(params: Params, before: LastLook) -> Values:
 
 
 def look_for_ever(params: Params, results: typing.Any) -> None:
-    """Put into a queue when each look at the parts of this computer began, and what it has read."""
+    """Put the time of each look at the parts of this computer, and its values, into a queue."""
     before = LastLook(*read_clocks())
     while True:
         began = time.monotonic()
@@ -79,7 +79,7 @@ def serve(raw: socket.socket, door: socket.socket, path: str, params: Params) ->
     watch = Watch(time.monotonic(), time.time())
     looks, visited = Looks(params, watch.began), watch.began  # a visitor is there until it has its answer
     waiting: typing.List[Visitor] = []
-    alarm = math.inf  # when the first loss was found that nobody was told
+    alarm = math.inf  # when the first loss was found that is not reported yet
     try:
         while time.monotonic() < min(watch.began + params["lifetime"], visited + ABANDONED):
             ready = select.select([raw, door], [], [], TURN)[0]
@@ -96,10 +96,10 @@ def serve(raw: socket.socket, door: socket.socket, path: str, params: Params) ->
                     return
                 waiting.append((connection, watch.began + float(request.get("until", 0))))
                 visited = min(max(waiting[-1][1], time.monotonic()), time.monotonic() + ABANDONED)
-            # Not at once: what is nearer to the reason may show only in a look that began after the loss.
-            tell = looked >= alarm or time.monotonic() > alarm + SLOWEST
-            alarm = math.inf if tell and waiting else alarm
-            waiting = _reply(watch, waiting, tell)
+            # Not at once: a value nearer to the reason may show its loss only in a look that began after the loss.
+            report = looked >= alarm or time.monotonic() > alarm + SLOWEST
+            alarm = math.inf if report and waiting else alarm
+            waiting = _reply(watch, waiting, report)
     finally:
         remove_door(path)
         _reply(watch, waiting, True)
@@ -116,10 +116,10 @@ def _hear(watch: Watch, raw: socket.socket, params: Params) -> None:
             watch.hear(time.monotonic(), kind, computers[source], rate)
 
 
-def _reply(watch: Watch, waiting: typing.List[Visitor], tell: bool) -> typing.List[Visitor]:
-    """Answer those who have waited long enough, or all where a loss is to be told; return the others."""
+def _reply(watch: Watch, waiting: typing.List[Visitor], report: bool) -> typing.List[Visitor]:
+    """Answer those who have waited long enough, or all if a loss is to be reported; return the others."""
     now = time.monotonic()
     for connection, until in waiting:
-        if tell or now >= until:
+        if report or now >= until:
             answer(connection, watch.report(now))
-    return [(connection, until) for connection, until in waiting if not tell and now < until]
+    return [(connection, until) for connection, until in waiting if not report and now < until]

@@ -19,7 +19,7 @@ from ..._machine.ports import address_of
 from ..multicast.memberships import igmp_memberships
 
 CONNECT = 2.0  # seconds that a TCP port has to open
-STEP = 0.1  # seconds by which the clock may move beside the time that has passed
+STEP = 0.1  # seconds by which the clock may differ from the time that has passed
 CLOCK_TRIES = 20
 MOST_BYTES = 1 << 20  # of a file
 
@@ -41,7 +41,7 @@ def read_all(params: Params, before: "LastLook") -> Values:
 
 
 def read_clocks() -> typing.Tuple[float, float]:
-    """Read both clocks of one moment: where this process was held up between the two, a busy machine is no step of the clock."""
+    """Read both clocks of one moment: if this process was held up between the two, a busy machine is no step of the clock."""
     for _try in range(CLOCK_TRIES):
         began, now = time.monotonic(), time.time()
         if time.monotonic() - began < STEP / 2:
@@ -117,7 +117,7 @@ class LastLook:
         self._states: typing.Dict[str, str] = {}
 
     def clock(self, now: float, wall: float) -> str:
-        """Return True if the clock was stepped since the last look, beside the time that has passed."""
+        """Return True if the clock was stepped since the last look, against the time that has passed."""
         step, self._ahead = wall - now - self._ahead, wall - now
         return f"stepped by {step:+.1f} s" if abs(step) > STEP else "steady"
 
@@ -125,7 +125,7 @@ class LastLook:
         """Return True if a unit is active, or was started again since the last look."""
         last, self._states[unit] = self._states.get(unit), state
         if state == "deactivating" and state != last:
-            return "active"  # it was told to stop: the next look shows where it ends, or that it was started again
+            return "active"  # it was asked to stop: the next look shows if it has ended, or that it was started again
         if state != "active":
             return state or "not there"
         before, self._processes[unit] = self._processes.get(unit, process), process

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-2-Clause
 """A watch over one computer without its sockets and files: values and heartbeats with their times in, events out.
 
-What is watched is any value, known by a kind and a name. The value at the first look is the one to keep: the fleet was
-verified before. Only where one value is known to be good, that one counts. Another value is a loss, and this one again is a
+A watched value is known by a kind and a name. The value at the first look is the one to keep: the fleet was
+verified before. Only if one value is known to be good, that one counts. Another value is a loss, and this one again is a
 return. A heartbeat has two values: heard and silent.
 """
 
@@ -13,7 +13,7 @@ import typing
 # wait for fewer, since they ask a silent master before they give it up.
 MISSED = 4
 QUIET = 5.0
-# The same where the sender promises no rate, as a master of upstream's nodes with their default of 0.02 Hz.
+# The same if the sender promises no rate, as a master of upstream's nodes with their default of 0.02 Hz.
 UNPROMISED = 180.0
 
 EVENTS = 500  # kept; a link that comes and goes for hours is counted beyond
@@ -48,14 +48,14 @@ class Watch:
         self.dropped = 0
 
     def hear(self, now: float, kind: str, name: str, rate: float) -> None:
-        """Note a heartbeat; `rate` is what it promises, in heartbeats a second."""
+        """Note a heartbeat; `rate` is the promised one, in heartbeats a second."""
         key = kind, name
         if key in self.beats or len(self.beats) < SENDERS:
             self.beats[key] = now, silence(rate)
             self.first.setdefault(key, HEARD)
 
     def beat(self, now: float, wall: float) -> bool:
-        """Find the silent sources; True where one was lost just now. A loss began with the last heartbeat."""
+        """Find the silent sources; True if one was lost just now. A loss began with the last heartbeat."""
         losses = 0
         for key, (last, limit) in self.beats.items():
             value = SILENT if now - last > limit else HEARD
@@ -63,7 +63,7 @@ class Watch:
         return bool(losses)
 
     def read(self, wall: float, values: typing.Mapping[Key, str]) -> bool:
-        """Compare what was read with the values to keep; True where something was lost just now."""
+        """Compare the values with those to keep; True if something was lost just now."""
         losses = 0
         for key, value in values.items():
             self.first.setdefault(key, GOOD.get(key[0], value))
@@ -90,7 +90,7 @@ class Watch:
         self.events.append(dict(found, time=round(wall, 3), after=round(max(0.0, wall - self.wall), 1)))
 
     def report(self, now: float) -> Plain:
-        """Return what was seen so far, as the module returns it."""
+        """Return the losses and returns so far, as the module returns them."""
         return {
             "watched": len(self.first),
             "seconds": round(now - self.began, 1),

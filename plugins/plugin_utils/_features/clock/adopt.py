@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The source of time of machines that somebody set up by hand."""
+"""The source of time of machines that people set up by hand."""
 
 from __future__ import annotations
 

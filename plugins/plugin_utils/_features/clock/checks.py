@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The check of the time that a computer follows, where the fleet has a source of time."""
+"""The check of the time that a computer follows, if the fleet has a source of time."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _list_strange(context: CheckContext, clock: Clock) -> list[str]:
 
 
 def list_components(context: CheckContext, computer: str) -> Components:
-    """List what keeps a computer from the fleet's time, where it has one."""
+    """List the components that keep a computer from the fleet's time, if it has one."""
     plan = context.fleet.computers.get(computer)
     clock = Clock.find(plan) if plan else None
     if clock is None:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The faults of the clocks of a fleet, where one computer is the source of its time."""
+"""The faults of the clocks of a fleet, if one computer is the source of its time."""
 
 from __future__ import annotations
 
@@ -23,11 +23,7 @@ HOOKS = ComponentHooks(
         ("time_source", "wrong"): Fault(
             "RF-603",
             "the clock of {place} follows {what}, not the source of the fleet's time",
-            do=(
-                site(
-                    "gives it the source; preflight names a time service that somebody has configured there, which stays as it is"
-                ),
-            ),
+            do=(site("gives it the source; preflight names a user-managed time service there, which stays as it is"),),
             look=(on("chronyc -n sources; systemctl list-units '*ntp*' '*timesyncd*' '*chrony*'"),),
             cost=2.0,
             why="distributions bring a time service with sources of their own",

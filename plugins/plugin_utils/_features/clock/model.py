@@ -21,7 +21,7 @@ class Clock(PlanPart):
     source: str  # the computer that gives the time
     server: IPv4Address | None = None  # its address; None: this computer is the source
     networks: tuple[IPv4Network, ...] = ()  # the networks that may ask the source
-    # Preflight fills these in: whose time service is there already, and is left alone; whether the clock can be set there.
+    # Preflight fills these in: whose time service is there already, and stays; whether the clock can be set there.
     kept: str | None = field(default=None, metadata=notation(left_out=True))
     settable: bool | None = field(default=None, metadata=notation(left_out=True))
 

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The clock of a computer: whom it follows, what chrony reads for that, and whose time service is left alone.
+"""The clock of a computer: its source, the files of chrony for that, and a user-managed time service, which stays.
 
 Pure: the plan and a description of the machine in, files and sentences out. chrony runs as its Debian package has it, in the
-package's unit and sandbox. A drop-in gives it another configuration, which lies where AppArmor's profile lets it read.
+package's unit and sandbox. A drop-in gives it another configuration, in a place where AppArmor's profile lets it read.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ UNIT = "chrony.service"
 CONFIGURATION = "/etc/chrony/rosfleet-multimaster.conf"
 DROP_IN = f"/etc/systemd/system/{UNIT}.d/rosfleet-multimaster.conf"
 STOCK = "/etc/chrony/chrony.conf"
-# Seconds that the services of ROS wait at a start for a clock that is right. Some 3 where the source answers.
+# Seconds that the services of ROS wait at a start for a clock that is right. Some 3 if the source answers.
 WAIT = 10
 
 _HEADER = "# Managed by rosfleet.multimaster: the clock of this computer; the fleet follows {source}\n"
-# A source keeps its own sources. Where it reaches none, it gives its own time (chrony.conf(5), local).
+# A source keeps its own sources. If it reaches none, it gives its own time (chrony.conf(5), local).
 _SOURCE = """\
 include {stock}
 local stratum 10
 {allowed}"""
 # One source and no other, so all are right together or wrong together. It is asked each 4 to 16 s. The first three answers may
-# set the clock by a step, which nodes do not see where the source answers at the start. Later it is made slower or faster.
+# set the clock by a step, which nodes do not see if the source answers at the start. Later it is made slower or faster.
 _FOLLOWER = """\
 server {server} iburst minpoll 2 maxpoll 4
 driftfile /var/lib/chrony/chrony.drift
@@ -72,7 +72,7 @@ def make_clock(fleet: Fleet, robot: Robot, computer: Computer) -> Clock | None:
 
 
 def render_clock(clock: Clock | None) -> list[dict[str, str]]:
-    """Return the files of chrony as managed_files takes them; none without a source, or where somebody's service is kept."""
+    """Return the files of chrony as managed_files takes them; none without a source, or if a user-managed service is kept."""
     if clock is None or clock.kept:
         return []
     if clock.server is None:
@@ -87,7 +87,7 @@ def render_clock(clock: Clock | None) -> list[dict[str, str]]:
 
 
 def add_machine(clock: Clock, info: Mapping[str, Any]) -> Clock:
-    """Return the clock with what multimaster_info found on the machine."""
+    """Return the clock with the facts of multimaster_info."""
     machine = info.get("clock")
     if machine is None:
         return clock
@@ -102,7 +102,7 @@ def list_clock_packages(plan: ComputerPlan, info: Mapping[str, Any]) -> tuple[st
 
 
 def _list_others(clock: Clock, machine: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """List the time services that somebody has configured. What chrony's own file includes goes on at the source, and is its own time there."""
+    """List the user-managed time services. A file that chrony's own one includes counts at the source, and is its own time there."""
     own = [
         other for other in machine["others"] if other["service"] == UNIT and other["file"].startswith("/etc/chrony/")
     ]
@@ -110,7 +110,7 @@ def _list_others(clock: Clock, machine: Mapping[str, Any]) -> list[Mapping[str, 
 
 
 def list_clock_warnings(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for a time service that is left alone, for a clock that cannot be set, and for a unit that does not start at boot."""
+    """Yield a sentence for a time service that stays, for a clock that cannot be set, and for a unit that does not start at boot."""
     clock, machine = Clock.find(plan), info.get("clock")
     if clock is None or machine is None:
         return
@@ -120,7 +120,7 @@ def list_clock_warnings(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator
         found = others[0]
         yield (
             f"{plan.computer}: {quote(found['service'])} has a configuration of its own ({quote(found['file'], LINE)}: {quote(found['line'], LINE)}), "
-            f"and is left alone; expected no other time service than {role}: {_advise(clock)}."
+            f"and stays as it is; expected no other time service than {role}: {_advise(clock)}."
         )
         return
     if not machine["settable"]:
@@ -136,7 +136,7 @@ def list_clock_warnings(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator
 
 
 def _advise(clock: Clock) -> str:
-    """Say what to do with a foreign time service."""
+    """Return the advice on a foreign time service."""
     if clock.server is None:
         return "let it answer the fleet as well, name another computer in multimaster_clock, or remove it and run site.yml again"
     return f"let it follow {clock.server}, or remove it and run site.yml again"

@@ -25,7 +25,7 @@ StartLimitIntervalSec=0
 
 [Service]
 Environment=ROSFLEET_INPUTS={inputs}
-# smcrouted goes on without routes where another program has the kernel's multicast routing, or an interface is not there,
+# smcrouted goes on without routes if another program has the kernel's multicast routing, or an interface is not there,
 # so both are looked at.
 ExecStartPre=/bin/sh -c '! grep -q "^ *[0-9]" /proc/net/ip_mr_vif || \
 {{ echo "Another program routes multicast already, perhaps smcroute.service: stop and disable it." >&2; exit 1; }}'
@@ -35,7 +35,7 @@ grep -qF " $$1 " /proc/net/ip_mr_vif && grep -qF " $$2 " /proc/net/ip_mr_vif && 
 echo "smcrouted does not route between $$1 and $$2: are both up?" >&2; exit 1' sh {names}
 Restart=always
 RestartSec=5
-# Root, as smcrouted demands, but with the rights of a router alone.
+# Root, as smcrouted demands, but with only the rights of a router.
 CapabilityBoundingSet=CAP_NET_ADMIN CAP_NET_RAW
 # Its socket and its number are there.
 ReadWritePaths=/run

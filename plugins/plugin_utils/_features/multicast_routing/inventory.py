@@ -15,7 +15,7 @@ from .variables import RoutingVariables
 
 
 def have_routed(fleet: Fleet, inventory: Inventory) -> Fleet:
-    """Return the fleet with what passes the group on at its gateways."""
+    """Return the fleet with the program that passes the group on at its gateways."""
     return replace(fleet, multicast_routing=RoutingVariables.read(fleet.variables).multicast_routing)
 
 

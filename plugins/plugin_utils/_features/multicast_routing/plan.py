@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Multicast routing in the plan of a gateway, and what preflight says where a machine can have none."""
+"""Multicast routing in the plan of a gateway, and the sentence of preflight if a machine can have none."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def find_routing_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterat
     elif routing["others"]:
         yield (
             f"{plan.computer}: {', '.join(map(quote, routing['others']))} passes multicast on already, and the kernel takes one program for that; "
-            "expected none beside the collection's: stop it for good (systemctl disable --now smcroute.service smcroute-helper.service, "
-            "where it is Debian's smcroute), or set multimaster_multicast_routing to 'none'."
+            "expected none but the collection's: stop it for good (systemctl disable --now smcroute.service smcroute-helper.service, "
+            "if it is Debian's smcroute), or set multimaster_multicast_routing to 'none'."
         )
 
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The checks of the tunnel, where the common network is one: of each computer, and between two."""
+"""The checks of the tunnel, if the common network is one: of each computer, and between two."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEADERS = 60  # bytes: of IPv4, UDP and WireGuard around each packet
 
 
 def _find_small_carrier(context: CheckContext) -> int:
-    """Return the MTU of the network that carries the tunnel of the observer, where it is too small for it; else 0."""
+    """Return the MTU of the network that carries the tunnel of the observer, if it is too small for it; else 0."""
     seen = context.probe.tunnel
     sizes = [peer.carrier_mtu for peer in seen.peers if 0 < peer.carrier_mtu < seen.mtu + HEADERS]
     return min(sizes, default=0)
@@ -60,7 +60,7 @@ def _look_at(context: CheckContext, computer: str) -> SeenTunnel:
 
 
 def _find_peer(context: CheckContext, observer: str, planned: PlannedPeer) -> TunnelPeer | None:
-    """Find a planned peer at a computer by its own address; none where it is reached through the hub."""
+    """Find a planned peer at a computer by its own address; none if it is reached through the hub."""
     seen = _look_at(context, observer)
     if not seen.up or _find_planned(context, observer, planned.computer) is None:
         return None
@@ -72,7 +72,7 @@ def _is_as_planned(peer: TunnelPeer | None, planned: PlannedPeer) -> bool:
 
 
 def _has_its_key(context: CheckContext, observer: str, planned: PlannedPeer) -> bool:
-    """Return True if a computer has the key of the target; where the target was not looked at, nothing else is known."""
+    """Return True if a computer has the key of the target; if the target was not looked at, nothing else is known."""
     there, peer = _look_at(context, planned.computer), _find_peer(context, observer, planned)
     return not there.up or peer is None or peer.public_key == there.public_key
 
@@ -90,7 +90,7 @@ def _is_heard(context: CheckContext, planned: PlannedPeer, observer: str) -> boo
 
 
 def _find_silence(context: CheckContext, planned: PlannedPeer) -> Components:
-    """Return the tunnel through which nothing comes: that of one of the two, where others do not get through either; else what is between."""
+    """Return the tunnel through which nothing comes: that of one of the two, if others do not get through either; else the one between them."""
     name = context.observer.name
     deaf, mute = not _hears(context, name), not _is_heard(context, planned, name)
     if deaf != mute:
@@ -103,7 +103,7 @@ def _find_silence(context: CheckContext, planned: PlannedPeer) -> Components:
 
 
 def _measure_lateness(context: CheckContext, place: str) -> float:
-    """Return the seconds by which the clock of a computer is behind those of the others; one of these alone may be ahead. All are asked within seconds."""
+    """Return the seconds by which the clock of a computer is behind those of the others; a single one of these may be ahead. All are asked within seconds."""
     seen = {name: _look_at(context, name) for name in context.run}
     times = {name: tunnel.time_s for name, tunnel in seen.items() if tunnel.up and tunnel.time_s is not None}
     others = [moment for name, moment in times.items() if name != place]
@@ -152,8 +152,8 @@ def _judge_tunnel(context: CheckContext) -> Judgement | None:
     if not _has_its_key(context, context.observer.name, planned):
         return Judgement(FAILED, "its own key", f"the key {peer.public_key}", _find_fault(context, planned, peer))
     if peer.beside:
-        others = f"others to {', '.join(peer.beside)}"
-        return Judgement(FAILED, "routes by the tunnel", others, _find_fault(context, planned, peer))
+        elsewhere = f"others to {', '.join(peer.beside)}"
+        return Judgement(FAILED, "routes by the tunnel", elsewhere, _find_fault(context, planned, peer))
     age = "there was none" if peer.handshake_age_s is None else f"the last was {peer.handshake_age_s:.0f} s ago"
     found = f"{'it is heard' if peer.heard else 'nothing in 9 s'}; of handshakes {age}"
     broken = frozenset() if peer.heard else _find_fault(context, planned, peer)

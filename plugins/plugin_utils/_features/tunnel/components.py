@@ -10,7 +10,7 @@ from ..._faults.fault import READ, ComponentHooks, Fault, hand, on, site
 ENDED, BESIDE = ("tunnel", "ended"), ("tunnel", "beside")
 
 HOOKS = ComponentHooks(
-    kinds={"tunnel": "The robots of the fleet meet in the tunnel. Who is not in it reaches nobody."},
+    kinds={"tunnel": "The robots of the fleet meet in the tunnel. A robot outside of it reaches nobody."},
     faults={
         ("tunnel", "ended"): Fault(
             "RF-611",
@@ -100,7 +100,7 @@ HOOKS = ComponentHooks(
             why="one computer is more often the reason than a pair",
         ),
     },
-    # With a tunnel its interface is gone, with its address and its routes; what is measured by the group needs that address.
+    # With a tunnel its interface is gone, with its address and its routes; measurements with the group need that address.
     causes={
         ("computer", "unmeasured"): (ENDED,),
         ("route", "missing"): (ENDED,),

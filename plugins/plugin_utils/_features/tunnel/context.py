@@ -19,7 +19,7 @@ MODES = ("ended", "peer", "key", "silent", "clock", "mtu", "beside")
 
 
 def list_way_components(context: CheckContext, places: Iterable[str]) -> Components:
-    """List the parts of the tunnel between two computers of the common network, where that is one, and of its hub."""
+    """List the components of the tunnel between two computers of the common network, if that is one, and of its hub."""
     ends = [
         place for place in places if place in context.fleet.computers and Tunnel.find(context.fleet.computers[place])
     ]
@@ -33,14 +33,14 @@ def list_way_components(context: CheckContext, places: Iterable[str]) -> Compone
 
 
 def _find_hub(context: CheckContext, one: str, other: str) -> str:
-    """Return the computer through which two reach each other in the tunnel; empty where they do so directly."""
+    """Return the computer through which two reach each other in the tunnel; empty if they do so directly."""
     tunnel, target = (Tunnel.find(context.fleet.computers[name]) for name in (one, other))
     carrier = tunnel.find_carrier(target.address) if tunnel and target else ""
     return "" if carrier == other else carrier
 
 
 def list_large_components(context: CheckContext, place: str) -> Components:
-    """List what loses only large packets at the place of a tunnel."""
+    """List the components that lose only large packets at the place of a tunnel."""
     plan = context.fleet.computers.get(place)
     return make_components("tunnel", place, "mtu") if plan and Tunnel.find(plan) else frozenset()
 

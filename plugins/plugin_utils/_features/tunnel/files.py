@@ -19,7 +19,7 @@ KEY = f"/etc/wireguard/{INTERFACE}.key"
 KEEPALIVE = 3
 
 _HEADER = "# Managed by rosfleet.multimaster: the tunnel of this computer\n"
-# wg-quick(8). The private key stays in its own file, and the routes have the gateways of the plan. The public half is told here,
+# wg-quick(8). The private key stays in its own file, and the routes have the gateways of the plan. The public half is given here,
 # since a new key is a change that starts the tunnel again.
 _INTERFACE = """\
 [Interface]

@@ -44,7 +44,7 @@ def find_wrong_tunnel(fleet: Fleet) -> list[str]:
         ),
         (
             shared.firewall != "fleet",
-            f"multimaster_firewall is 'none'; expected 'fleet', since the ports of ROS would be open beside the tunnel: set it {where}",
+            f"multimaster_firewall is 'none'; expected 'fleet', since the ports of ROS would be open outside of the tunnel: set it {where}",
         ),
         (
             fleet.router is not None,
@@ -57,7 +57,7 @@ def find_wrong_tunnel(fleet: Fleet) -> list[str]:
 
 
 def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
-    """Yield what is wrong with the computers in a tunnel: whether it is so, and the sentence."""
+    """Yield the faults of the computers in a tunnel: whether there is one, and its sentence."""
     given, network = TunnelVariables.read(fleet.variables), fleet.variables.common_network
     inside = [computer for computer in fleet.computers if computer.common_address]
     ends = {computer.name: EndpointVariables.read(computer.variables).endpoint for computer in inside}
@@ -76,7 +76,7 @@ def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
     sealed = [computer.name for computer in inside if computer.sealed]
     yield (
         bool(sealed),
-        f"{shorten_list(sealed)} in the common network is sealed; expected computers where one may log in, since each makes its own key",
+        f"{shorten_list(sealed)} in the common network is sealed; expected computers at which one may log in, since each makes its own key",
     )
     devices = [robot.name for robot in fleet.robots if robot.gateway and not robot.gateway.name]
     yield (
@@ -86,7 +86,7 @@ def _find_wrong_places(fleet: Fleet) -> Iterator[tuple[bool, str]]:
 
 
 def _find_wrong_endpoints(fleet: Fleet, ends: Mapping[str, IPv4Address]) -> Iterator[tuple[bool, str]]:
-    """Yield what is wrong with addresses at which computers are reached from outside."""
+    """Yield the faults of the addresses at which computers are reached from outside."""
     twice = sorted(end for end in set(ends.values()) if list(ends.values()).count(end) > 1)
     yield (
         bool(twice),
@@ -104,12 +104,12 @@ def _find_wrong_endpoints(fleet: Fleet, ends: Mapping[str, IPv4Address]) -> Iter
 
 
 def _find_unreachable(ends: Mapping[str, IPv4Address | None], hub: str | None) -> Iterator[tuple[bool, str]]:
-    """Yield what is wrong with the endpoints of the computers in a tunnel, and with its hub."""
+    """Yield the faults of the endpoints of the computers in a tunnel, and with its hub."""
     silent = [name for name, end in ends.items() if end is None]
     yield (
         len(silent) > 1 and not hub,
         f"{shorten_list(silent)} have no multimaster_endpoint; expected it of all computers in the common network but one, since of two one must "
-        "know where the other is: add it, or name a computer that all reach in multimaster_tunnel_hub",
+        "know the address of the other: add it, or name a computer that all reach in multimaster_tunnel_hub",
     )
     yield (
         bool(hub) and ends.get(hub or "") is None,

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The public keys of the tunnel's computers, as they are kept beside the inventory. Pure: texts in, keys and sentences out."""
+"""The public keys of the tunnel's computers, as they are kept next to the inventory. Pure: texts in, keys and sentences out."""
 
 from __future__ import annotations
 
@@ -47,17 +47,19 @@ def write_keys(keys: Mapping[str, str]) -> str:
 
 
 def join_keys(
-    kept: Mapping[str, str], told: Mapping[str, object], computers: Mapping[str, ComputerPlan], rotate: bool
+    kept: Mapping[str, str], reported: Mapping[str, object], computers: Mapping[str, ComputerPlan], rotate: bool
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Join the kept keys with those that computers have told of themselves. Return them, and a sentence for each computer that is refused.
+    """Join the kept keys with those that computers have reported. Return them, and a sentence for each computer that is refused.
 
-    What one tells costs itself alone: it has the kept key then, or none. A computer that is no longer in the plan loses its place. A
-    key that has changed is believed only where that was asked for, and never where it is the kept one of another computer.
+    A wrong report costs only its computer: it has the kept key then, or none. A computer that is no longer in the plan loses its place. A
+    key that has changed is believed only if that was asked for, and never if it is the kept one of another computer.
     """
     inside = {name for name, plan in computers.items() if Tunnel.find(plan)}
     keys = {computer: key for computer, key in kept.items() if computer in inside}
     new = {
-        computer: key for computer, key in told.items() if computer in inside and key not in ("", keys.get(computer))
+        computer: key
+        for computer, key in reported.items()
+        if computer in inside and key not in ("", keys.get(computer))
     }
     reasons = {computer: _find_refusal(computer, key, keys, new, rotate) for computer, key in new.items()}
     refused = {computer: reason for computer, reason in reasons.items() if reason}
@@ -66,7 +68,7 @@ def join_keys(
 
 
 def _find_refusal(computer: str, key: object, kept: Mapping[str, str], new: Mapping[str, object], rotate: bool) -> str:
-    """Say why a key that a computer has told is not believed; empty if it is."""
+    """Return the reason why a reported key is not believed; empty if it is."""
     if not is_key(key):
         return f"its public key is {quote(key, LINE)}; expected 32 bytes in base64: find out who answers there"
     owners = [other for other, one in (*kept.items(), *new.items()) if one == key and other != computer]

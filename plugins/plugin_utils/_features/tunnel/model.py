@@ -13,7 +13,7 @@ from ..._base.plain import notation
 from ..._plan.model import PlannedInterface, PlannedRoute, PlanPart
 
 INTERFACE = "multimaster0"
-MTU = 1420  # bytes; what wg-quick takes over a network of 1500
+MTU = 1420  # bytes; the value of wg-quick over a network of 1500
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Tunnel(PlanPart):
 
     @property
     def forwards(self) -> bool:
-        """True if it passes packets of others on."""
+        """True if it passes packets of other computers on."""
         return bool(self.hub)
 
     @property

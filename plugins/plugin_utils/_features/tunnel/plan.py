@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The tunnel in the plan of a computer: its peers, and what preflight says where a machine can have none.
+"""The tunnel in the plan of a computer: its peers, and the sentence of preflight if a machine can have none.
 
 Pure: the fleet and a description of the machine in, a plan and sentences out.
 """
@@ -38,9 +38,9 @@ def make_tunnel(fleet: Fleet, robot: Robot, computer: Computer) -> Tunnel | None
 
 
 def _list_peers(fleet: Fleet, computer: Computer) -> Iterator[PlannedPeer]:
-    """Yield the peers of a computer. Where there is a hub, all between others of which one has no endpoint goes through it."""
+    """Yield the peers of a computer. If there is a hub, all between others of which one has no endpoint goes through it."""
     others = [
-        (own, (IPv4Network(own.discovery_address), *list_behind(robot, own)))  # what is its own in the tunnel
+        (own, (IPv4Network(own.discovery_address), *list_behind(robot, own)))  # its own addresses in the tunnel
         for robot in fleet.robots
         for own in robot.computers
         if own.common_address and own != computer
@@ -87,15 +87,15 @@ def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterato
             f"{plan.computer}: {tunnel.address} is already on {there}, and multimaster_tunnel is 'wireguard'; expected nobody else's tunnel "
             "with this address: end that one, or set multimaster_tunnel to 'none' and use it as it is (docs/operate/hostile_networks.md)."
         )
-    beside = [
+    more = [
         f"{entry['address']}/{entry['prefix']} on {quote(name)}"
         for name, entry in places
         if name != INTERFACE and entry["address"] != str(tunnel.address) and _overlaps(entry, tunnel.network)
     ]
-    if beside:
+    if more:
         yield (
-            f"{plan.computer}: {', '.join(beside)} is in the network of the tunnel, {tunnel.network}; expected no other interface there, since packets "
-            "for robots would leave by it beside the tunnel: give one of the two another network."
+            f"{plan.computer}: {', '.join(more)} is in the network of the tunnel, {tunnel.network}; expected no other interface there, since packets "
+            "for robots would leave by it outside of the tunnel: give one of the two another network."
         )
     yield from _find_missing(plan, info)
 

@@ -24,9 +24,9 @@ Environment=ROSFLEET_INPUTS={inputs}
 ExecStartPre=-/sbin/ip link delete dev multimaster0
 ExecStart=/usr/bin/wg-quick up {configuration}/multimaster0.conf
 ExecStop=/usr/bin/wg-quick down {configuration}/multimaster0.conf
-# Root, since the key is root's, with the rights of a network manager alone.
+# Root, since the key is root's, with only the rights of a network manager.
 CapabilityBoundingSet=CAP_NET_ADMIN
-# The one device that wireguard-go needs, where the kernel has no WireGuard.
+# The one device that wireguard-go needs, if the kernel has no WireGuard.
 DeviceAllow=/dev/net/tun rw
 BindPaths=-/dev/net/tun
 ReadWritePaths=/run

@@ -95,13 +95,13 @@ def _find_pid(context: CheckContext, entry: ServiceState) -> str:
 
 
 def _was_started_again(context: CheckContext, entry: ServiceState) -> bool:
-    """Return True if systemd has started it again lately: what was before the last verification is told no more."""
+    """Return True if systemd has started it again lately: starts from before the last verification are not reported again."""
     return bool(entry.restarts) and entry.age_s is not None and 0 <= entry.age_s <= context.state.lately
 
 
 #: the Result of systemd -> who ended a service, and why
 _ENDS = {
-    "success": "it was told to end, or ended by itself without an error",
+    "success": "it was stopped, or ended by itself without an error",
     "watchdog": "the watchdog ended it, since it hung (Result=watchdog)",
     "oom-kill": "the kernel ended it, since memory ran out (Result=oom-kill)",
     "signal": "the signal {status} ended it, which systemd had not sent (Result=signal)",
@@ -113,7 +113,7 @@ _ENDS = {
 
 
 def _describe_end(entry: ServiceState) -> str:
-    """Say who ended a service last, and why; nothing where that is not known."""
+    """Say who ended a service last, and why; nothing if that is not known."""
     text = _ENDS.get(entry.result, "").format(status="?" if entry.status is None else entry.status)
     return f": {text}" if text else ""
 
@@ -153,7 +153,7 @@ def _judge_services(context: CheckContext) -> Judgement:
     states = {entry.name: entry for entry in context.probe.services}
     if not states:
         unasked = make_components("computer", context.observer.name, "unmeasured")
-        return Judgement(UNKNOWN, "the state of the services", "systemd did not tell it", unasked)
+        return Judgement(UNKNOWN, "the state of the services", "systemd did not report it", unasked)
     components: Components = frozenset()
     broken, restarted = [], []
     for name in context.observer.plan.all_services:
@@ -237,7 +237,7 @@ def _find_down_links(context: CheckContext) -> list[str]:
 
 
 def _find_dead_link(context: CheckContext, network: str) -> Components:
-    """Blame the network where no computer on it has a link. A single observed computer is not enough."""
+    """Blame the network if no computer on it has a link. A single observed computer is not enough."""
     states = [one.interface_on[network].state for one in context.run.values() if network in one.interface_on]
     if len(states) < 2:
         return frozenset()
@@ -262,7 +262,7 @@ def _addresses_suspects(context: CheckContext) -> Components:
 
 
 def _addresses_needs(context: CheckContext) -> Components:
-    """A link is cleared only where its state was read as up."""
+    """A link is cleared only if its state was read as up."""
     networks = context.observer.interface_on.items()
     up = join_components(
         make_components("link", context.observer.name, "down", what=network)
@@ -294,7 +294,7 @@ def _judge_addresses(context: CheckContext) -> Judgement:
     components = make_components("interface", context.observer.name, *modes) | join_components(
         _find_dead_link(context, one) for one in down
     )
-    # Where it does harm, other checks fail. A robot alone works without any network.
+    # If it does harm, other checks fail. A single robot works without any network.
     return judge_fault(WARNING, expected, ", ".join(problems), "all of them", components)
 
 
@@ -308,7 +308,7 @@ def _judge_addresses(context: CheckContext) -> Judgement:
 def _judge_mtu(context: CheckContext) -> Judgement:
     usual = context.state.usual
     odd = {network: mtu for network, mtu in context.observer.mtus.items() if mtu != usual[network]}
-    found = "; ".join(f"{mtu} on {network}, where most have {usual[network]}" for network, mtu in odd.items())
+    found = "; ".join(f"{mtu} on {network}, but most have {usual[network]}" for network, mtu in odd.items())
     components = join_components(
         make_components("interface", context.observer.name, "mtu", what=network) for network in odd
     )
@@ -361,7 +361,7 @@ def _judge_answers_pings(context: CheckContext) -> Judgement | None:
 
 
 def _list_sealed(context: CheckContext) -> list[str]:
-    """List the sealed computers of the observer's robot, where the observer runs the nodes of that robot."""
+    """List the sealed computers of the observer's robot, if the observer runs the nodes of that robot."""
     plan = context.observer.plan
     if not plan.is_master:
         return []
@@ -376,7 +376,7 @@ def _judge_sealed(context: CheckContext) -> Judgement | None:
     if not names:
         return None
     components = join_components(make_components("computer", name, "sealed") for name in names)
-    return Judgement(UNKNOWN, "what only a login shows", f"nobody logs in on {', '.join(names)}", components)
+    return Judgement(UNKNOWN, "the values that only a login shows", f"nobody logs in on {', '.join(names)}", components)
 
 
 # The robot's roscore

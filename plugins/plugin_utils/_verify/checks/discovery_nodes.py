@@ -32,7 +32,7 @@ ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
 
 
 def _membership_interfaces(context: CheckContext) -> set[str] | None:
-    """The interfaces on which a program has joined the group; None where that cannot be known, or is not needed."""
+    """The interfaces on which a program has joined the group; None if that cannot be known, or is not needed."""
     memberships, own, group = context.observer.multicast.memberships, context.own, str(context.fleet.multicast_group)
     if not memberships or own is None or not own.multicast or group == ALL_HOSTS:
         return None
@@ -91,7 +91,7 @@ def _group_suspects(context: CheckContext) -> Components:
 
 
 def _translator(context: CheckContext, computer: str) -> Components:
-    """Find what translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
+    """Find the component that translates the addresses of a computer: its gateway, or the computer itself (a container, a virtual machine)."""
     other = context.observer.name if computer == context.target else context.target
     between = needs.translation_components(context, computer, other)
     if not between:
@@ -194,7 +194,7 @@ def _judge_source(context: CheckContext) -> Judgement | None:
     source = context.way.source
     arrived = source in context.peer.callers
     if not context.way.crosses and not arrived:
-        return None  # in one network no gateway translates; what arrives clears the packet filters there
+        return None  # in one network no gateway translates; a datagram that arrives clears the packet filters there
     expected = f"datagrams from {source} arrive there"
     return Judgement(OK if arrived else WARNING, expected, "they arrive" if arrived else "none arrives")
 
@@ -239,7 +239,7 @@ def _connect_outcome(context: CheckContext) -> Outcome:
 
 
 def _outside(context: CheckContext) -> Components:
-    """A computer's own gateway is asked at its other side, where its discovery node is."""
+    """A computer's own gateway is asked at its other side, which has its discovery node."""
     own, planned = context.own, context.planned
     if own is None or planned is None or own.robot != planned.robot or own.name == planned.name:
         return frozenset()
@@ -254,7 +254,7 @@ def _port_needs(context: CheckContext) -> Components:
 
 def _port_suspects(context: CheckContext) -> Components:
     """A computer that is silent would refuse if no program listened on the port."""
-    # One for all interfaces also drops what a computer sends itself.
+    # One for all interfaces also drops a computer's own packets.
     filtered = make_components("filter", context.target, "rpc in", "rpc", "all in", "all")
     nobody = make_components("discovery", context.target, "dead", "port")
     return _port_needs(context) - nobody | make_components("discovery", context.target, "hung") | filtered
@@ -317,7 +317,7 @@ def _find_route_fault(context: CheckContext, route: TargetRoute, address: IPv4Ad
     if mode:
         return make_components("route", context.observer.name, mode, what=what)
     if _hops(context, address) == {""}:
-        return frozenset()  # on one network: the checks of addresses and routes tell it
+        return frozenset()  # on one network: the checks of addresses and routes report it
     return make_components(
         "route", context.observer.name, "missing" if route.error else "other", what=_beyond(context, address)
     )
@@ -329,7 +329,7 @@ def _beyond(context: CheckContext, address: IPv4Address) -> str:
 
 
 def _route_suspects(context: CheckContext) -> Components:
-    """List what makes another route than the planned ones come first."""
+    """List the components that make another route than the planned ones come first."""
     name = context.observer.name
     return make_components("interface", name, "prefix", "address") | needs.by_passes(name)
 
@@ -370,7 +370,7 @@ def _judge_outer_route(context: CheckContext) -> Judgement | None:
     return _judge_route(context, context.member.discovery_route, _outer(context))
 
 
-# The port of a roscore, seen from others: no other computer needs it, but it tells a roscore that has ended
+# The port of a roscore, seen from others: no other computer needs it, but it shows a roscore that has ended
 
 
 @Check(
@@ -415,7 +415,7 @@ def _has_time_source(context: CheckContext, computer: str) -> bool:
 
 
 def _list_clock_components(context: CheckContext, computer: str) -> Components:
-    """List what keeps the clock of a computer right by the plan."""
+    """List the components that keep the clock of a computer right by the plan."""
     return join_components(
         hooks.list_clock_components(context, computer) for hooks in load_hooks("checks", CheckHooks).values()
     )
@@ -478,7 +478,7 @@ def _has_planned_address(entry: ListedMaster, context: CheckContext) -> bool:
 
 
 def _service_call_needs(context: CheckContext) -> Components:
-    """List what calling the service of the own discovery node needs."""
+    """List the components that a call of the own discovery node's service needs."""
     one, master = context.observer.name, context.masters[0]
     call = needs.talks(context, one, master, "nodes") if one != master else frozenset()
     return needs.roscore(context, one, master) | make_components("discovery", master, "dead", "hung") | call
@@ -526,6 +526,6 @@ def _judge_list_masters(context: CheckContext) -> Judgement:
         return Judgement(FAILED, expected, found, make_components("roscore", context.target, "name", what=entry.uri))
     if _has_planned_address(entry, context):
         return Judgement(OK, expected, found)
-    if context.robots[0] == context.robots[1]:  # the node tells the address from which it sends
+    if context.robots[0] == context.robots[1]:  # the node reports the address from which it sends
         return Judgement(FAILED, expected, found, make_components("interface", context.target, "multicast"))
     return Judgement(FAILED, expected, found, _translator(context, context.target))

@@ -46,9 +46,9 @@ class Row(NamedTuple):  # there are millions in a large fleet, and a frozen data
 
 
 class Judgement(NamedTuple):
-    """Verdict, expected and found of one check, and what it shows of the components of the fleet, where it is not ok.
+    """Verdict, expected and found of one check, and the components of the fleet that it shows, if it is not ok.
 
-    `broken` are components that a value shows to be broken; then no other component is suspected. `outcome` is that of what the check has
+    `broken` are components that a value shows to be broken; then no other component is suspected. `outcome` is that of the packets that the check has
     sent itself: an error leaves few components (errors.py).
     """
 
@@ -66,15 +66,15 @@ def _find_nowhere(_place: str, _variable: str) -> str:
 class InventorySource(NamedTuple):
     """The inventory of a run: as a command has it, and the file and line of a variable of a computer or robot."""
 
-    path: str = ""  # empty where it is not known
-    find_line: Callable[[str, str], str] = _find_nowhere  # place, variable -> "file, line 3"; empty where it is not set
+    path: str = ""  # empty if it is not known
+    find_line: Callable[[str, str], str] = _find_nowhere  # place, variable -> "file, line 3"; empty if it is not set
 
 
 UNKNOWN_INVENTORY = InventorySource()
 
 
 def judge_fault(verdict: str, expected: str, found: str, fine: str, broken: Components = frozenset()) -> Judgement:
-    """Judge what was found: an empty text is no fault, and `fine` says so."""
+    """Judge the found value: an empty text is no fault, and `fine` says so."""
     return Judgement(verdict, expected, found, broken) if found else Judgement(OK, expected, fine)
 
 
@@ -89,12 +89,12 @@ Judge = Callable[[CheckContext], Judgement | None]
 class Check:
     """A check: its targets, its judge, and the meaning of its results for the components of the fleet. It decorates its judge.
 
-    docs/operate/checks.md says what each check expects, and where the report has it.
+    docs/operate/checks.md has the expected value of each check, and the place in the report.
 
-    The judge is asked where `when` is true. It returns None where it finds nothing to judge, for example since a different check
-    says it already. A check of what site.yml makes (`of_site`) is unknown on a computer that somebody set up by hand. A success
+    The judge is asked if `when` is true. It returns None if it finds nothing to judge, for example since a different check
+    says it already. A check of values that site.yml sets (`of_site`) is unknown on a computer that a person set up by hand. A success
     needs the components of `needs`, so it clears them. A failure has its reason among `suspects`; without such a function it is
-    among `needs`. Where the judge names the components that are broken, no other is suspected.
+    among `needs`. If the judge names the components that are broken, no other is suspected.
     """
 
     title: str
@@ -109,12 +109,14 @@ class Check:
     judge: Judge = lambda context: None
 
     def look(self, context: CheckContext) -> Judgement | None:
-        """Judge a computer or pair by its context; None where there is nothing to judge."""
+        """Judge a computer or pair by its context; None if there is nothing to judge."""
         if self.when and not self.when(context):
             return None
         if self.of_site and context.is_set_up_by_hand:
             by_hand = make_components("set_up", context.observer.name, "by_hand")
-            return Judgement(UNKNOWN, "what site.yml sets up", "the collection has not set this computer up", by_hand)
+            return Judgement(
+                UNKNOWN, "the values that site.yml sets", "the collection has not set this computer up", by_hand
+            )
         return self.judge(context)
 
     def __call__(self, judge: Judge) -> Check:
@@ -126,7 +128,7 @@ class Verification:
     """The checks, applied to the observations of a fleet; `observations` has an entry for each computer of the run.
 
     `pairs` chooses the pairs: `all`, or `auto`; see `pairs.choose_pairs`. `least` and `since_last` are those of FleetState.
-    `inventory` is for what people are told to do.
+    `inventory` is for the advice to people.
     """
 
     def __init__(
@@ -164,19 +166,19 @@ class Verification:
                 if counts and judgement.verdict == OK and not check.shown:
                     good.append(check.id)
                 else:
-                    told = judgement.verdict, judgement.expected, judgement.found
-                    yield Row(check.id, context.observer.name, context.target, *told)
+                    texts = judgement.verdict, judgement.expected, judgement.found
+                    yield Row(check.id, context.observer.name, context.target, *texts)
             if passed is not None and counts:
                 own, its = context.robots
                 passed[own or context.observer.name, its or context.target, tuple(good)] += 1
 
     def _contexts(self) -> Iterator[tuple[Sequence[Check], CheckContext]]:
         """Make each context, with the checks that look at it."""
-        alone, itself, others = self._select(COMPUTER), self._select(ITSELF_TOO), self._select(ITSELF_TOO, MEMBER)
+        single, itself, others = self._select(COMPUTER), self._select(ITSELF_TOO), self._select(ITSELF_TOO, MEMBER)
         own_master, masters = self._select(MASTER_TOO), self._select(*MASTERS)
         for observer in self.run.values():
             name, targets = observer.name, self.tried[observer.name]
-            yield alone, CheckContext(self.state, observer, name)
+            yield single, CheckContext(self.state, observer, name)
             for target in self.ways.members:
                 if target in targets or target == name:
                     yield itself if target == name else others, CheckContext(self.state, observer, target)

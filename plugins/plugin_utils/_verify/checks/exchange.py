@@ -35,14 +35,14 @@ def _has_content(context: CheckContext) -> bool:
 
 
 @Check(
-    title="nodes announce a host where others reach them",
+    title="nodes announce a host at which others reach them",
     when=_has_content,
 )
 def _judge_node_hosts(context: CheckContext) -> Judgement:
     robot = context.observer.plan.robot
     misplaced = context.state.misplaced.get(robot, {})
     others = context.state.exchanges.robots.keys() - {robot}
-    # Somebody may mean it: a tool of the operator that uses the roscore of a robot is no failure.
+    # It may be intended: a tool of the operator that uses the roscore of a robot is no failure.
     harmful = {node for node, one in misplaced.items() if one.mode != "robot"}
     is_given = bool(harmful) and any(
         item.node in harmful for other in others for item in context.state.exchanges.find_due(robot, other)
@@ -175,7 +175,7 @@ def _judge_nodes_answer(context: CheckContext) -> Judgement | None:
 
 
 def _list_unreached(context: CheckContext) -> list[tuple[str, UnreachedNode]]:
-    """List the nodes of the target's robot to which no connection opens, with their computers. One that has ended is told at its own roscore."""
+    """List the nodes of the target's robot to which no connection opens, with their computers. One that has ended is reported at its own roscore."""
     robot, state = context.robots[1], context.state
     seen = context.peer.probe.exchange.silent if context.peer else ()
     left_out = {*state.misplaced.get(robot, {}), *seen, *OWN_NODES, RELAY}
@@ -198,7 +198,7 @@ def _is_shut(context: CheckContext, computer: str) -> bool:
 
 
 def _find_fences(context: CheckContext, unreached: Iterable[tuple[str, UnreachedNode]]) -> Components:
-    """Find the rules that drop connections to these nodes, and the nodes to which no connection opens, where no talker says the same."""
+    """Find the rules that drop connections to these nodes, and the nodes to which no connection opens, if no talker says the same."""
     components: Components = frozenset()
     for computer, entry in unreached:
         drop = context.state.filters.find_drop(context.observer.name, computer, "nodes", entry.port)
@@ -351,7 +351,7 @@ def _find_flow_faults(
         return make_components("sync", observer, "limit", what=context.target)
     refused = stages.find_refusals(context, [name for item in missing for name in (item.name, item.node)])
     if _loses_large(context):
-        return refused  # what is told over HTTP comes in large packets: no node is at fault
+        return refused  # the answers over HTTP come in large packets: no node is at fault
     lacking = _find_lacking_stages(context, (item.name for item in missing if item.kind == "publisher"))
     return refused or join_components(stages.find_lacking(context, stage, topic) for topic, stage in lacking.items())
 
@@ -365,7 +365,7 @@ def _loses_large(context: CheckContext) -> bool:
 def _find_lacking_stages(context: CheckContext, missing: Iterable[str] = ()) -> dict[str, Stage]:
     """Find the stages that lack topics of the target's robot: those of its talkers that are not here, and others that are missing.
 
-    A talker may be heard all the same, where the other robot has registered the subscriber.
+    A talker may be heard all the same, if the other robot has registered the subscriber.
     """
     asked = (
         topic for source in context.probe.sources if source.computer == context.masters[1] for topic in source.topics
@@ -377,7 +377,7 @@ def _find_lacking_stages(context: CheckContext, missing: Iterable[str] = ()) -> 
 
 
 @Check(
-    title="robot has what it is to get, and nothing else",
+    title="robot has the topics that it is to get, and no others",
     scope=ROSCORES,
     # registrations stay after a node has died, so a success clears no node
     needs=lambda context: make_components("sync", context.masters[0], "configuration"),
@@ -389,7 +389,7 @@ def _judge_flow(context: CheckContext) -> Judgement | None:
     own, its = context.robots
     if context.exchange.error:
         untold = make_components("sync", context.observer.name, "untold")
-        return Judgement(UNKNOWN, f"what {its} gives", context.exchange.error, untold)
+        return Judgement(UNKNOWN, f"the topics of {its}", context.exchange.error, untold)
     missing, superfluous = context.state.exchanges.find_missing(its, own), context.state.exchanges.superfluous(its, own)
     parts: list[tuple[str, Sequence[object]]] = [("not there", missing), ("there against the plan", superfluous)]
     parts.append(
@@ -397,7 +397,7 @@ def _judge_flow(context: CheckContext) -> Judgement | None:
     )
     found = "; ".join(f"{words}: {shorten_list(map(str, items), NAMED)}" for words, items in parts if items)
     broken = _find_flow_faults(context, missing, superfluous) if found else frozenset()
-    return judge_fault(FAILED, f"what {its} gives to {own}, and nothing else", found, "just that", broken)
+    return judge_fault(FAILED, f"the topics of {its} for {own}, and no others", found, "just that", broken)
 
 
 # Parameters that cross
@@ -415,7 +415,7 @@ def _list_copied(context: CheckContext) -> list[tuple[str, str]]:
 
 
 def _compare_copies(context: CheckContext) -> dict[str, str] | None:
-    """Return what is wrong with each copy, by its parameter; None where one of the two roscores was not read."""
+    """Return the fault of each copy, by its parameter; None if one of the two roscores was not read."""
     master = context.run.get(context.masters[1])
     if master is None or not master.is_probed or not context.observer.is_probed:
         return None
@@ -477,5 +477,5 @@ def _judge_cross_link(context: CheckContext) -> Judgement | None:
         for link in crossing
     )
     between = frozenset({Component.from_pair("registration", "link", *context.robots)})
-    expected = "only connections of what is exchanged"
+    expected = "only connections of exchanged topics"
     return judge_fault(FAILED, expected, shorten_list(links, NAMED), "only such", between)

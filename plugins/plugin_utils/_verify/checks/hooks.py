@@ -15,11 +15,11 @@ from .engine import Check
 
 @dataclass(frozen=True)
 class CheckHooks:
-    """The checks of a feature. Only an earlier check can explain a later one: theirs stand behind those of a file of the core."""
+    """The checks of a feature. Only an earlier check can explain a later one: theirs come behind those of a file of the core."""
 
     checks: tuple[Check, ...]
     after: str  # the name of that file
     #: those of them that find by how many seconds a clock is off
     offset_checks: tuple[str, ...] = ()
-    #: what the clock of a computer depends on, where the feature keeps it right
+    #: the components on which the clock of a computer depends, if the feature keeps it right
     list_clock_components: Callable[[CheckContext, str], Components] = lambda context, computer: frozenset()

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Computers that the collection did not set up, and the nodes of others."""
+"""Computers that the collection did not set up, and foreign nodes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _judge_set_up(context: CheckContext) -> Judgement:
 
 
 @Check(
-    title="nothing stands against the plan",
+    title="nothing conflicts with the plan",
 )
 def _judge_as_planned(context: CheckContext) -> Judgement | None:
     found = context.observer.seen.found

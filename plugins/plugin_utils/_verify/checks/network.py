@@ -38,7 +38,7 @@ def _find_duplicates(context: CheckContext) -> dict[str, list[str]]:
 
 
 def _duplicate_needs(context: CheckContext) -> Components:
-    """A computer that gets no ARP answer for its own address is alone with it, for all observers."""
+    """A computer that gets no ARP answer for its own address is the only one with it, for all observers."""
     name = context.observer.name
     return make_components("interface", name, "duplicate") | join_components(
         make_components("interface", name, "duplicate", what=other)
@@ -76,7 +76,7 @@ def _name_mistake(context: CheckContext) -> str:
 
 
 def _is_own_too(context: CheckContext) -> bool:
-    """The own name has the planned address beside that of the loopback interface: nobody else is concerned."""
+    """The own name has the planned address and that of the loopback interface: nobody else is concerned."""
     return context.target == context.observer.name and context.address in context.member.addresses
 
 
@@ -116,7 +116,7 @@ def _judge_name(context: CheckContext) -> Judgement:
 def _judge_user_name(context: CheckContext) -> Judgement | None:
     found = context.member.user_addresses
     if found is None or context.member.addresses != (context.address,) or context.observer.plan.is_router:
-        return None  # another check judges what root finds
+        return None  # another check judges the addresses for root
     expected = f"{context.address}, as for root"
     if found == (context.address,):
         return Judgement(OK, expected, context.address)
@@ -146,7 +146,7 @@ def _find_route_fault(context: CheckContext, route: TargetRoute) -> Components:
 def _route_absence_components(context: CheckContext) -> Components:
     name, network = context.observer.name, context.ways.network(context.robots[1])
     if not context.way.crosses:
-        small = bool(context.observer.find_wrong_prefixes())  # the target is beyond what it takes for its network
+        small = bool(context.observer.find_wrong_prefixes())  # the target is outside of its network by the wrong prefix
         return (
             make_components("interface", name, "prefix")
             if small
@@ -173,7 +173,7 @@ def _leaves_fleet(context: CheckContext, device: str | None) -> bool:
 
 
 def _falls_to_default(context: CheckContext, by: str) -> bool:
-    """The planned route is one to the network, and is gone: the default route takes what it was for."""
+    """The planned route is one to the network, and is gone: the default route takes its packets."""
     special = all(route.destination.prefixlen for route in context.observer.plan.routes)
     return special and by in {route.gateway for route in context.probe.default_routes}
 
@@ -247,11 +247,11 @@ def _judge_ping(ping: Ping | None, whom: str, outcome: Outcome = Outcome.NOT_TRI
 def _judge_ping_address(context: CheckContext) -> Judgement | None:
     ping = context.member.ping_address
     if ping is None or _answers_sometimes(context):
-        return _judge_ping(ping, context.address)  # where only some were lost on the way, an error says nothing
+        return _judge_ping(ping, context.address)  # if only some were lost on the way, an error says nothing
     return _judge_ping(ping, context.address, ping.outcome)
 
 
-# TCP, where no ping is answered: a packet filter that drops pings alone is told from a computer that is off
+# TCP, if no ping is answered: it distinguishes a packet filter that drops only pings from a computer that is off
 
 
 @Check(
@@ -261,7 +261,7 @@ def _judge_ping_address(context: CheckContext) -> Judgement | None:
 )
 def _judge_tcp_answer(context: CheckContext) -> Judgement | None:
     if not context.member.tcp or context.member.tcp_outcome != Outcome.REFUSED:
-        return None  # nothing comes back where a packet filter drops what is not let in: no fault
+        return None  # nothing comes back if a packet filter drops all that it does not accept: no fault
     return Judgement(OK, "a TCP port that nobody uses refuses", "refused")
 
 
@@ -292,7 +292,7 @@ def _judge_ping_name(context: CheckContext) -> Judgement | None:
     needs=lambda context: needs.large(context, context.observer.name, context.target),
 )
 def _judge_ping_large(context: CheckContext) -> Judgement | None:
-    """Judge by warnings: some devices drop only large pings. Where large packets are lost, other checks fail, too."""
+    """Judge by warnings: some devices drop only large pings. If large packets are lost, other checks fail, too."""
     judged = _judge_ping(context.member.ping_large, f"{context.address} to a large packet")
     if judged is not None and judged.verdict != OK and (context.member.loss or 0.0) > LOST:
         return None  # small ones are lost, too: the size need not be the reason
@@ -354,7 +354,7 @@ def _judge_arp_filter(context: CheckContext) -> Judgement | None:
 
 
 def _arp_question(context: CheckContext) -> tuple[str, str]:
-    """Return the target's address on a network of the observer, and this network; two empty texts where it has none."""
+    """Return the target's address on a network of the observer, and this network; two empty texts if it has none."""
     own, its = context.robots
     if own == its and context.address in context.observer.claimed:
         return context.address, context.ways.network(own)
@@ -380,5 +380,5 @@ def _judge_answers_arp(context: CheckContext) -> Judgement | None:
     answered, ping = context.observer.claimed.get(address), context.member.ping_address
     if answered is None or (not answered and ping and ping.ok):
         return None  # the question may have got lost
-    expected = f"somebody answers who has {address}"
-    return Judgement(OK if answered else FAILED, expected, "somebody does" if answered else "nobody answers")
+    expected = f"a computer with {address} answers"
+    return Judgement(OK if answered else FAILED, expected, "one does" if answered else "nobody answers")

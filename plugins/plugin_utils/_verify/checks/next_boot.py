@@ -14,9 +14,9 @@ from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 def _check(kind: str, title: str, planned: Callable[[CheckContext], bool], fine: str) -> Check:
     def has_plan(context: CheckContext) -> bool:
-        # Where the collection has not set it up, one sentence for all kinds is enough.
-        told = context.observer.is_set_up or (kind == "unit" and context.is_set_up_by_hand)
-        return context.observer.is_probed and planned(context) and told
+        # If the collection has not set it up, one sentence for all kinds is enough.
+        judged = context.observer.is_set_up or (kind == "unit" and context.is_set_up_by_hand)
+        return context.observer.is_probed and planned(context) and judged
 
     def judge(context: CheckContext) -> Judgement:
         entries = [entry for entry in context.probe.next_boot if entry.kind == kind]

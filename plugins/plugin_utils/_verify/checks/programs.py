@@ -36,7 +36,7 @@ def _has_parameters(context: CheckContext) -> bool:
 
 def _parameter_component(context: CheckContext, entry: ParameterDifference) -> Components:
     if entry.node not in NODES:
-        return frozenset()  # a strange computer tells of a node that nobody asked for
+        return frozenset()  # a strange computer reports a node that nobody asked for
     kind, mode = DECIDES.get((entry.node, entry.name), (NODES[entry.node][0], "configuration"))
     what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
     return make_components(kind, context.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))
@@ -119,7 +119,7 @@ def _judge_room(context: CheckContext) -> Judgement:
     components = join_components(
         make_components("computer", context.observer.name, "disk", what=disk.path) for disk in full
     )
-    return judge_fault(FAILED, "1 MiB and 16 files left where services write", found, "enough", components)
+    return judge_fault(FAILED, "1 MiB and 16 files left on the disks of services", found, "enough", components)
 
 
 # Limits
@@ -171,7 +171,7 @@ def _describe_container(entry: ContainerNames) -> str:
 
 @Check(
     title="containers have the names of the fleet",
-    # without names, addresses are told
+    # without names, addresses are reported
     when=lambda context: context.observer.is_probed and "ROS_HOSTNAME" in context.observer.plan.environment,
     needs=lambda context: make_components("container", context.observer.name, "names"),
 )

@@ -33,7 +33,7 @@ def _list_channels(context: CheckContext) -> list[Mapping[str, Any]]:
 
 
 def _find_names(context: CheckContext, kind: str, name: str) -> Iterator[str]:
-    """Yield the observer's name of a topic or service of the target's robot; none where it does not cross."""
+    """Yield the observer's name of a topic or service of the target's robot; none if it does not cross."""
     for channel in _list_channels(context):
         inner = find_inner_name(channel, name) if channel["inner"] else name
         if inner is not None and matches(list_names(channel, KINDS[kind], given=False), inner):
@@ -41,7 +41,7 @@ def _find_names(context: CheckContext, kind: str, name: str) -> Iterator[str]:
 
 
 def _list_roots(context: CheckContext) -> set[tuple[str, str]]:
-    """List what the target's relay itself publishes for the observer: how its robot's frames hang together with others."""
+    """List the topics that the target's relay itself publishes for the observer: the transforms between its robot's frames and others."""
     return {
         ("publisher", find_outer_name(channel, STATIC))
         for channel in _list_channels(context)
@@ -50,7 +50,7 @@ def _list_roots(context: CheckContext) -> set[tuple[str, str]]:
 
 
 def _find_wrong(context: CheckContext) -> tuple[list[str], list[str]] | None:
-    """Find the names that the observer's relay lacks, and those without an owner; None where one roscore is not known."""
+    """Find the names that the observer's relay lacks, and those without an owner; None if one roscore is not known."""
     robots = context.state.exchanges.robots
     own, its = context.robots
     if own not in robots or its not in robots:
@@ -64,7 +64,7 @@ def _find_wrong(context: CheckContext) -> tuple[list[str], list[str]] | None:
 
 
 def _list_due(context: CheckContext, *, tests: bool) -> set[tuple[str, str]]:
-    """List kind and name here of what crosses of the target's own nodes: of those of the verification, or of the others."""
+    """List kind and name here of the crossing topics and services of the target's own nodes: of those of the verification, or of the others."""
     return {
         (item.kind, name)
         for item in context.state.exchanges.robots[context.robots[1]].own
@@ -74,7 +74,7 @@ def _list_due(context: CheckContext, *, tests: bool) -> set[tuple[str, str]]:
 
 
 def _list_names(context: CheckContext, robot: str, *, relay: bool) -> set[tuple[str, str]]:
-    """List kind and name of what the relay of a robot has in its roscore, or of what its other nodes have."""
+    """List kind and name of the registrations of a robot's relay in its roscore, or of those of its other nodes."""
     return {
         (item.kind, item.name)
         for item in context.state.exchanges.robots[robot].own
@@ -83,7 +83,7 @@ def _list_names(context: CheckContext, robot: str, *, relay: bool) -> set[tuple[
 
 
 def _is_of(context: CheckContext, kind: str, name: str) -> bool:
-    """Return True if what the observer's relay has can be of the target's robot alone: of no other peer, or by its namespace."""
+    """Return True if the registrations of the observer's relay can only be of the target's robot: of no other peer, or by its namespace."""
     channels = (context.observer.plan.relay or {}).get("channels", ())
     if len({entry["peer"] for entry in channels}) == 1:
         return kind == "service" or name != DIAGNOSTICS
@@ -101,7 +101,7 @@ UNIT = "multimaster-relay.service"
 
 
 def find_broken_relay(context: CheckContext, *computers: str) -> Components:
-    """Find what is wrong with the relays of some computers themselves: what does not cross follows from it."""
+    """Find the faults of the relays of some computers themselves: topics that do not cross follow from them."""
     components: Components = frozenset()
     for name in computers:
         computer = context.run.get(name)
@@ -232,7 +232,7 @@ def _judge_relay_types(context: CheckContext) -> Judgement | None:
 
 
 @Check(
-    title="what crosses by the relay is there",
+    title="topics of the relay are there",
     scope=MASTER,
     suspects=_suspects,
 )
@@ -245,4 +245,4 @@ def _judge_relay(context: CheckContext) -> Judgement | None:
     found = "; ".join(f"{words}: {shorten_list(topics, NAMED)}" for words, topics in parts if topics)
     lacking = Component.from_pair("relay", "lacking", *context.robots, what=shorten_list(missing or more, NAMED))
     broken = find_broken_relay(context, *context.masters) or _find_unreached(context)[1] or frozenset({lacking})
-    return judge_fault(FAILED, "what the channels take across", found, "just that", broken)
+    return judge_fault(FAILED, "the topics of the channels", found, "just that", broken)

@@ -26,7 +26,7 @@ def _gives_nothing(context: CheckContext) -> bool:
 def _topic_needs(context: CheckContext) -> Components:
     """A topic that is heard need not be registered here: the other robot may have registered this subscriber, and called it.
 
-    A discovery node may have told it on a connection that was there before a packet filter: that port is not cleared.
+    A discovery node may have reported it on a connection that was there before a packet filter: that port is not cleared.
     """
     connected = needs.node_connection_components(context, context.observer.name, context.target)
     if context.topic is not None and not any(publisher.uri for publisher in context.topic.publishers):
@@ -51,12 +51,12 @@ def _topic_suspects(context: CheckContext) -> Components:
     stage = stages.find_stage(stages.observe_call(context))
     if stage == Stage.REGISTERED:
         return needs.home_components(context, other)
-    told = needs.passes(context.masters[0], one, "nodes")  # its roscore tells it of a new publisher
+    reported = needs.passes(context.masters[0], one, "nodes")  # its roscore reports a new publisher to it
     odd = make_components("computer", one, "overloaded") | needs.large(context, one, other)
     if topic.reached_outcome == Outcome.OPEN:  # its message is late, or too large
-        return odd | make_components("computer", other, "overloaded") | told | listens
+        return odd | make_components("computer", other, "overloaded") | reported | listens
     if topic.publishers:
-        return needs.node_connection_components(context, one, other) - listens | told | odd
+        return needs.node_connection_components(context, one, other) - listens | reported | odd
     own, its = context.masters
     beyond = make_components("sync", own, "configuration") | needs.discovery(own) | needs.heartbeats(context, own, its)
     sizes = needs.large(context, own, its) | needs.large(context, one, own) | needs.large(context, other, its)
@@ -123,7 +123,7 @@ def _judge_direct_connection(context: CheckContext) -> Judgement | None:
     )
 
 
-# Throughput, where it is measured
+# Throughput, if it is measured
 
 
 @Check(
@@ -135,7 +135,7 @@ def _judge_direct_connection(context: CheckContext) -> Judgement | None:
     shown=True,
 )
 def _judge_throughput(context: CheckContext) -> Judgement | None:
-    """Judge by what the user expects: the user alone knows how fast a link is to be."""
+    """Judge by the expectation of the user: only the user knows how fast a link is to be."""
     stream = context.observer.streams.get(context.target)
     if stream is None or context.peer is None:
         return None

@@ -23,7 +23,7 @@ def _find_guests(context: CheckContext) -> dict[str, str]:
 
 
 def _datagrams(context: CheckContext, named: set[str]) -> list[str]:
-    """Return who else sends to the group, beside those that are named already."""
+    """Return who else sends to the group, except those that are named already."""
     return [
         f"datagrams from {entry.address} on {entry.interface}"
         for entry in context.observer.multicast.unexpected

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The checks of the verification, one table: the rows of each file beside this one, in the order of FILES, and those of the optional features.
+"""The checks of the verification, one table: the rows of each file of this folder, in the order of FILES, and those of the optional features.
 
-In each file a row stands below its functions, and above its judge.
+In each file a row is below its functions, and above its judge.
 """
 
 from __future__ import annotations

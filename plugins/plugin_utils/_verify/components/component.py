@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The components of a fleet that a person can mend, and what follows from what. `_faults` has the ways in which each may be broken.
+"""The components of a fleet that a person can repair, and which fault follows from which. `_faults` has the ways in which each may be broken.
 
-A component has a `kind`, a `place`, and the `mode` in which it is broken. `what` narrows it where a place has several: the network
+A component has a `kind`, a `place`, and the `mode` in which it is broken. `what` narrows it if a place has several: the network
 of a link or a route, the name that is looked up, the port of a packet filter.
 """
 
@@ -50,24 +50,24 @@ class Component(NamedTuple):
         return FAULTS[self.kind, self.mode]
 
     def sentence(self) -> str:
-        """Say what is wrong."""
+        """Return the sentence of the fault."""
         return self.fault.sentence.format(place=self.place_text, what=self.what or self.fault.what)
 
     def do(self, inventory: str = "") -> Advices:
-        """Say what to do, where it was seen."""
+        """Return the commands for a fault that was seen."""
         return self.fault.fill(self.fault.do, self.places, self.what, inventory)
 
     def look(self, inventory: str = "") -> Advices:
-        """Say what to look at. It changes nothing."""
+        """Return the commands to look with. They change nothing."""
         return self.fault.fill(self.fault.look, self.places, self.what, inventory)
 
 
-#: What a router says of others, which need not be so: packets are followed all the same.
+#: The reports of a router about others, which may be false: packets are followed all the same.
 HEARSAY = {("route", "circle")}
 
 ANY = "any computer of this run"  # the place of a fault that all of them have
 
-#: What site.yml makes: where it has not run, no fault of these is worth a finding of its own.
+#: The components that site.yml makes: if it has not run, no fault of these is worth a finding of its own.
 MADE = (
     *(("names", mode) for mode in ("unknown", "loopback", "own", "old", "several")),
     *(("route", mode) for mode in ("missing", "other")),
@@ -84,7 +84,7 @@ MADE = (
     *(("boot", mode) for mode in ("unit", "sysctl", "route", "names")),
 )
 PORTS, LIMIT = ("computer", "ports"), ("computer", "limit")
-#: What needs a new connection of a computer.
+#: The components that need a new connection of a computer.
 CALLS = (
     *((node, mode) for node in ("roscore", "discovery", "sync") for mode in ("dead", "hung")),
     *((node, "stale") for node in ("discovery", "sync")),
@@ -135,7 +135,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **dict.fromkeys((("discovery", "configuration"), ("sync", "configuration")), (STOPPED, LOOPING)),
     **{("names", mode): (("names", "order"),) for mode in ("unknown", "old", "several")},
     ("roscore", "name"): (("environment", "service"),),
-    # What comes in elsewhere, as at a port that was taken out of a bridge, is of no use while the planned interface has no link.
+    # A packet that comes in elsewhere, as at a port that was taken out of a bridge, is of no use while the planned interface has no link.
     ("interface", "multicast"): (("interface", "address"), ("interface", "port"), ("link", "down")),
     ("interface", "overlap"): (("interface", "address"),),
     ("route", "missing"): (

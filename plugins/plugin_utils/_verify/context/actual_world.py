@@ -3,8 +3,8 @@
 
 """The world as a verification has read it, with the faults in it that values show. Pure.
 
-The machines of the plan get the interfaces, rules and closed routes that were read on the computers, and the known faults. What
-the fleet sends ends in this world, too, where one of these faults is the reason.
+The machines of the plan get the interfaces, rules and closed routes that were read on the computers, and the known faults. Packets that
+the fleet sends ends in this world, too, if one of these faults is the reason.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class ActualWorld:
         self._world = _make_world(state, self._faults) if self._faults else None
 
     def find_fault(self, sender: str, target: str, traffic: str) -> Component | None:
-        """Return the known fault at whose place a packet of this kind ends, or its answer; None where both arrive."""
+        """Return the known fault at whose place a packet of this kind ends, or its answer; None if both arrive."""
         ways, world = self._state.ways, self._world
         member, own = ways.members.get(target), ways.members.get(sender)
         if member is None or world is None or sender not in world.machines or traffic not in TRAFFIC:
@@ -68,7 +68,7 @@ def _make_world(state: FleetState, faults: Sequence[Component]) -> World:
 
 
 def _read_machine(fleet: FleetPlan, machine: Machine, computer: Participant) -> Machine:
-    """Return the machine with what was read there; as planned, where the texts make no sense."""
+    """Return the machine with the values that were read there; as planned, if the texts make no sense."""
     try:
         interfaces = tuple(_read_interface(fleet, machine.name, entry) for entry in computer.interfaces)
     except ValueError:
@@ -77,7 +77,7 @@ def _read_machine(fleet: FleetPlan, machine: Machine, computer: Participant) -> 
 
 
 def _read_interface(fleet: FleetPlan, host: str, entry: ForwardingInterface) -> Interface:
-    """Read an interface. Raises ValueError for strange texts, and where the prefix lengths were not read."""
+    """Read an interface. Raises ValueError for strange texts, and if the prefix lengths were not read."""
     addresses = [IPv4Interface(f"{one}/{size}") for one, size in zip(entry.addresses, entry.prefixes, strict=True)]
     return Interface(
         name=entry.interface,
@@ -115,7 +115,7 @@ def _cut_link(_fleet: FleetPlan, machine: Machine, component: Component) -> Mach
 
 
 def _close_routes(machine: Machine, networks: Iterable[IPv4Network]) -> Machine:
-    """Take away the ways to networks: the packets go where nobody passes them on."""
+    """Take away the ways to networks: the packets go to a place where nobody passes them on."""
     closed = [Route(network, kind=NOWHERE) for network in networks]
     return replace(machine, routes=(*closed, *machine.routes))
 
@@ -128,7 +128,7 @@ def _lose_route(fleet: FleetPlan, machine: Machine, component: Component) -> Mac
 
 
 def _close_address(_fleet: FleetPlan, machine: Machine, component: Component) -> Machine:
-    """Close the way to what the words of a closed route name, such as "blackhole 192.168.12.0/24 table 7"."""
+    """Close the way to the destination of a closed route, such as "blackhole 192.168.12.0/24 table 7"."""
     try:
         return _close_routes(machine, [IPv4Network(component.what.split()[1].replace("default", "0.0.0.0/0"))])
     except (ValueError, IndexError):
@@ -144,7 +144,7 @@ def _lose_neighbour(fleet: FleetPlan, machine: Machine, component: Component) ->
 
 
 DEAD = ("network", "dead")
-# What the packets of a world need beside the interfaces, rules and filters that were read.
+# The needs of the packets of a world, besides the interfaces, rules and filters that were read.
 CHANGES: Mapping[tuple[str, str], Change] = {
     ("computer", "off"): _switch_off,
     ("link", "down"): _cut_link,

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""People's nodes that announce a host where others do not reach them, or use another roscore than their robot's, with their process.
+"""People's nodes that announce a host at which others do not reach them, or use another roscore than their robot's, with their process.
 
 A node announces the host of ROS_HOSTNAME or ROS_IP of its shell or unit, or else the name of its computer. Other nodes connect
 to that host, so with a wrong one the node hears others and nobody hears it. The roscore is that of ROS_MASTER_URI.
@@ -22,7 +22,7 @@ from .registrations import TEST_NODES
 
 LOOPBACK_NAMES = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback")
 NAMED = 4  # robots that a sentence names
-UNREAD = NodeHost("", readable=False)  # stands for a process that was not found
+UNREAD = NodeHost("", readable=False)  # a process that was not found
 
 
 class Misplaced(NamedTuple):
@@ -31,7 +31,7 @@ class Misplaced(NamedTuple):
     node: str
     host: str
     mode: str  # a mode of the component `node`
-    computer: str  # where it runs; its robot if that is not known
+    computer: str  # of the process; its robot if that is not known
     process: NodeHost = UNREAD
     detail: str = ""  # the interface of the host, the robot at whose roscore it is, or the host of its services
     refused: tuple[tuple[str, str], ...] = ()  # the robots whose sync nodes refuse it, each with its reason
@@ -71,7 +71,7 @@ class Misplaced(NamedTuple):
 
 
 class _Fleet:
-    """The computers of a fleet, and what was seen of them."""
+    """The computers of a fleet, and the observations of them."""
 
     def __init__(self, fleet: FleetPlan, probes: Mapping[str, Probe]) -> None:
         self.fleet, self.probes = fleet, probes
@@ -123,7 +123,7 @@ def _is_near(address: str, interface: ForwardingInterface) -> bool:
 
 
 def find_misplaced(fleet: FleetPlan, probes: Mapping[str, Probe]) -> dict[str, dict[str, Misplaced]]:
-    """Find the nodes that announce a wrong host: robot -> node -> where and why. `probes` are those of computers.
+    """Find the nodes that announce a wrong host: robot -> node -> place and reason. `probes` are those of computers.
 
     A node that answers the roscore's computer at a loopback address runs there.
     """
@@ -156,13 +156,13 @@ def _find_apart(seen: _Fleet, robot: str, silences: Iterable[SilentNode]) -> dic
 def find_strays(
     fleet: FleetPlan, probes: Mapping[str, Probe], misplaced: Mapping[str, Mapping[str, Misplaced]]
 ) -> dict[str, list[Misplaced]]:
-    """Find the processes with another roscore than their robot's, where that does not tell of them itself: computer -> processes."""
+    """Find the processes with another roscore than their robot's, if that does not report them itself: computer -> processes."""
     seen = _Fleet(fleet, probes)
-    told = {(one.computer, one.process) for nodes in misplaced.values() for one in nodes.values()}
+    reported = {(one.computer, one.process) for nodes in misplaced.values() for one in nodes.values()}
     found: dict[str, list[Misplaced]] = {}
     for computer, probe in probes.items():
         for process in probe.node_hosts:
-            if process.master and (computer, process) not in told:
+            if process.master and (computer, process) not in reported:
                 its = seen.at.get(host_of(process.master), "")
                 robot = fleet.computers[its].robot if its in fleet.computers else ""
                 mode = "robot" if robot and robot != fleet.computers[computer].robot else "master"

@@ -28,7 +28,7 @@ from .ways import Way, Ways
 T = TypeVar("T")
 
 LATELY = 600.0  # seconds
-ALONE = 32  # the prefix length of an address on a point-to-point link, as of a VPN: routes lead to the others
+HOST_BITS = 32  # the prefix length of an address on a point-to-point link, as of a VPN: routes lead to the others
 NOT_SEEN = SeenMember("")  # a computer at which the observer did not look
 ANSWERS_BROADCASTS = ("net.ipv4.icmp_echo_ignore_broadcasts", "0")
 
@@ -44,7 +44,7 @@ def _list_rounds(multicast: Multicast) -> list[tuple[int, frozenset[str]]]:
 
 
 def _read_arp_answers(probe: Probe) -> dict[str, bool]:
-    """Tell of each address on its networks if an answer came for it."""
+    """Return for each address on its networks if an answer came for it."""
     answered = {claim.address for claim in probe.claims if claim.macs}
     return {claim.address: claim.address in answered for claim in probe.claims}
 
@@ -63,7 +63,7 @@ class Participant:
         probe, multicast = seen.probe or Probe(), seen.multicast or Multicast()
         self.name, self.seen = name, seen
         self.probe, self.is_probed = probe, seen.probe is not None
-        self.multicast = multicast  # empty where it was not measured, as `probe`
+        self.multicast = multicast  # empty if it was not measured, as `probe`
         # without the services that cannot run there, as preflight found
         self.plan = plan if seen.services is None else replace(plan, services=seen.services)
         self.members = _index(probe.members, lambda entry: entry.name)
@@ -96,7 +96,7 @@ class Participant:
             (entry.interface, address, size, planned[address])
             for entry in self.interfaces
             for address, size in zip(entry.addresses, entry.prefixes, strict=False)
-            if planned.get(address, size) != size and not (entry.point_to_point and size == ALONE)
+            if planned.get(address, size) != size and not (entry.point_to_point and size == HOST_BITS)
         ]
 
     def list_ports(self) -> list[tuple[str, ForwardingInterface]]:

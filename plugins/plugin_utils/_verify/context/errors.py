@@ -24,7 +24,7 @@ _LIMITS = {
     Outcome.NO_FILE_HERE: "the kernel opens no more files for anybody",
     Outcome.NO_MEMORY: "the kernel has no memory for sockets and packets",
 }
-#: errno of the sender -> the ways in which it may be broken, as (kind, mode, what); `{}` is the traffic. The likeliest one stands first.
+#: errno of the sender -> the ways in which it may be broken, as (kind, mode, what); `{}` is the traffic. The likeliest one comes first.
 OWN: Mapping[Outcome, tuple[tuple[str, str, str], ...]] = {
     Outcome.NO_LOCAL_PORT: (("computer", "ports", ""),),
     **{outcome: (("computer", "limit", words),) for outcome, words in _LIMITS.items()},
@@ -34,12 +34,12 @@ OWN: Mapping[Outcome, tuple[tuple[str, str, str], ...]] = {
 
 
 def list_own_components(outcome: Outcome, sender: str, traffic: str) -> list[Component]:
-    """List what an errno of the sender's kernel leaves, the likeliest component first; nothing where it says nothing of the sender."""
+    """List the components that an errno of the sender's kernel leaves, the likeliest component first; nothing if it says nothing of the sender."""
     return [Component(kind, sender, mode.format(traffic), what) for kind, mode, what in OWN.get(outcome, ())]
 
 
 def find_components(context: CheckContext, outcome: Outcome, traffic: str) -> Components:
-    """Return what the outcome of a probe leaves of all suspects; nothing where it says nothing. `traffic` is a word of TRAFFIC."""
+    """Return the suspects that the outcome of a probe leaves; nothing if it says nothing. `traffic` is a word of TRAFFIC."""
     target = context.masters[0] if traffic == ROSCORE else context.target
     if own := list_own_components(outcome, context.observer.name, traffic):
         return frozenset(own)
@@ -53,13 +53,13 @@ def find_components(context: CheckContext, outcome: Outcome, traffic: str) -> Co
 
 
 def _find_reported_components(context: CheckContext, outcome: Outcome, target: str, traffic: str) -> Components:
-    """Return what is left of an unreachable target, as the ping of the same pair has its reporter."""
+    """Return the suspects that are left of an unreachable target, as the ping of the same pair has its reporter."""
     ping = (context.observer.members[target].ping_address if target in context.observer.members else None) or Ping()
     if ping.ok or (
         ping.outcome == Outcome.PROHIBITED and outcome != ping.outcome
     ):  # the way is good, and something rejects this kind
         return list_rejects(context, target, traffic)
-    if ping.outcome != outcome and target != context.observer.name:  # a socket of TCP tells no reporter
+    if ping.outcome != outcome and target != context.observer.name:  # a socket of TCP shows no reporter
         return frozenset()
     if not ping.reporter:
         return _list_lost_routes(context, target)
@@ -76,7 +76,7 @@ REFUSED: Mapping[str, Callable[[str], Components]] = {
 
 
 def list_refusers(context: CheckContext, target: str, traffic: str) -> Components:
-    """List what may refuse in the target's place: another computer with its address, or a packet filter."""
+    """List the components that may refuse in the target's place: another computer with its address, or a packet filter."""
     return needs.duplicates(context, context.observer.name, target) | list_rejects(context, target, traffic)
 
 

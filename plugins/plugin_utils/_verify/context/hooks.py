@@ -24,5 +24,5 @@ class ContextHooks:
     list_large_components: Callable[[CheckContext, str], frozenset[Component]] = lambda context, place: frozenset()
     #: for the planned routes of this computer to come first
     list_route_components: Callable[[str], frozenset[Component]] = lambda computer: frozenset()
-    #: its service -> the kind and mode of what is broken while that is down
+    #: its service -> the kind and mode of the component that is broken while that is down
     services: Mapping[str, tuple[str, str]] = field(default_factory=dict)

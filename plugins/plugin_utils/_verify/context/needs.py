@@ -21,7 +21,7 @@ Components = frozenset[Component]
 
 NAMES = ("unknown", "loopback", "old", "several")  # a name with a wrong meaning
 DISCOVERY = ("dead", "hung", "group")
-# what a computer that forwards packets needs: kind and mode of components
+# the needs of a computer that forwards packets: kind and mode of components
 FORWARDER = (("computer", "off"), ("forwarding", "off"), ("filter", "forward"), ("reverse_path", "strict"))
 
 
@@ -79,7 +79,7 @@ def _link_components(context: CheckContext, one: str, other: str, mode: str, *ne
 
 
 def neighbours(context: CheckContext, sender: str, target: str) -> Components:
-    """List what the ARP questions and answers need of a packet from one computer to the other. Its answer needs those of the way back."""
+    """List the needs of the ARP questions and answers for a packet from one computer to the other. Its answer needs those of the way back."""
     hops = list(_hops(context, sender, target))
     mute = frozenset(Component("neighbour", answers, "mute") for _asks, answers in hops)
     return mute | {Component("neighbour", place, "filter") for hop in hops for place in hop}
@@ -122,7 +122,7 @@ def _routes(context: CheckContext, one: str, other: str) -> Components:
 
 
 def by_passes(computer: str) -> Components:
-    """List what optional features find where packets of a computer leave by another route than the planned one."""
+    """List the components that optional features suspect if packets of a computer leave by another route than the planned one."""
     return join_components(hooks.list_route_components(computer) for hooks in _list_hooks())
 
 
@@ -148,7 +148,7 @@ def large(context: CheckContext, one: str, other: str) -> Components:
 
 
 def arp_components(context: CheckContext, one: str, other: str) -> Components:
-    """List what may keep the ARP answer for the next address on the way from coming.
+    """List the components that may keep the ARP answer for the next address on the way from coming.
 
     A computer that forwards packets reports it to their sender ("host unreachable"). A device of another make may not.
     """
@@ -160,7 +160,7 @@ def arp_components(context: CheckContext, one: str, other: str) -> Components:
 
 
 def silent_components(one: str, other: str, network: str) -> Components:
-    """List what may keep a computer from answering its neighbour on a network."""
+    """List the components that may keep a computer from answering its neighbour on a network."""
     links_down = make_components("link", one, "down", what=network) | make_components(
         "link", other, "down", what=network
     )
@@ -169,7 +169,7 @@ def silent_components(one: str, other: str, network: str) -> Components:
 
 
 def port_components(context: CheckContext, computer: str) -> Components:
-    """Suspect the port of a bridge only where an address was seen on one."""
+    """Suspect the port of a bridge only if an address was seen on one."""
     seen = context.run.get(computer)
     return make_components("interface", computer, "port") if seen and seen.list_ports() else frozenset()
 
@@ -195,7 +195,7 @@ def slow(context: CheckContext, one: str, other: str) -> Components:
 
 
 def translation_components(context: CheckContext, one: str, other: str) -> Components:
-    """List the translations that may be on the way: a gateway translates what leaves by one of its interfaces."""
+    """List the translations that may be on the way: a gateway translates packets that leave by one of its interfaces."""
     crossed = pairwise(context.ways.list_links(one, other))
     return join_components(
         make_components("translation", place, "on", what=network)
@@ -243,7 +243,7 @@ def multicast(context: CheckContext, hearer: str, speaker: str) -> Components:
 
 
 def _group_forwarders(context: CheckContext, one: str, other: str) -> list[str]:
-    """List the computers that forward the group between two. A gateway also forwards what it sends or receives itself."""
+    """List the computers that forward the group between two. A gateway also forwards its own datagrams."""
     between = context.ways.list_forwarders(one, other)
     if not between and context.ways.robot_of(one) == context.ways.robot_of(other):
         return [place for place in (one, other) if (plan := context.fleet.computers.get(place)) and plan.passes_group]
@@ -263,14 +263,14 @@ def names(observer: str, target: str) -> Components:
 
 
 def talks(context: CheckContext, one: str, other: str, *whats: str) -> Components:
-    """List what a connection by name needs: the way, the packet filters, and the name."""
+    """List the needs of a connection by name: the way, the packet filters, and the name."""
     if not one or not other:
         return frozenset()
     return way(context, one, other) | passes(one, other, *whats) | names(one, other)
 
 
 def roscore(context: CheckContext, computer: str, master: str) -> Components:
-    """List what a computer needs to ask its roscore."""
+    """List the needs of a computer's question to its roscore."""
     asked = make_components("roscore", master, "dead", "hung", "name") | make_components(
         "environment", computer, "shell"
     )
@@ -283,7 +283,7 @@ def discovery(computer: str) -> Components:
 
 
 def master_query_components(context: CheckContext, own: str, its: str) -> Components:
-    """List what a query to the discovery node of another master needs."""
+    """List the needs of a query to the discovery node of another master."""
     if own == its:
         return frozenset()
     node = make_components("discovery", its, *DISCOVERY, "configuration", "port")
@@ -294,9 +294,9 @@ def master_query_components(context: CheckContext, own: str, its: str) -> Compon
 
 
 def heartbeats(context: CheckContext, own: str, its: str) -> Components:
-    """List what may keep heartbeats of another master from arriving, with either transport.
+    """List the components that may keep heartbeats of another master from arriving, with either transport.
 
-    Where the probes' datagrams arrive, two reasons are left. The node sends by another interface, or a gateway translates
+    If the probes' datagrams arrive, two reasons are left. The node sends by another interface, or a gateway translates
     the source address, so that the heartbeats belong to no member.
     """
     if own == its:
@@ -322,7 +322,7 @@ def _arrive(context: CheckContext, sender: str, hearer: str) -> bool:
 
 
 def registration_components(context: CheckContext, observer: str, target: str) -> Components:
-    """List what the target's registrations need to reach the observer's roscore, and what a query there needs."""
+    """List the needs of the target's registrations on their way to the observer's roscore, and those of a query there."""
     own, its = context.ways.master_of(observer), context.ways.master_of(target)
     at_home, asked = home_components(context, target), roscore(context, observer, own)
     if own == its:
@@ -331,19 +331,19 @@ def registration_components(context: CheckContext, observer: str, target: str) -
 
 
 def home_components(context: CheckContext, target: str) -> Components:
-    """List what the target's talker needs to be registered at its own roscore."""
+    """List the needs of the target's talker for its registration at its own roscore."""
     own_components = make_components("registration", target, "talker") | make_components("environment", target, "shell")
     return roscore(context, target, context.ways.master_of(target)) | own_components
 
 
 def node_connection_components(context: CheckContext, observer: str, target: str) -> Components:
-    """List what a connection between nodes of two computers needs."""
+    """List the needs of a connection between nodes of two computers."""
     return (
         talks(context, observer, target, "nodes")
         | make_components("environment", target, "shell")
         | make_components(
             "environment", observer, "shell"
-        )  # by its URI the roscore tells a subscriber of new publishers
+        )  # at its URI the roscore notifies a subscriber of new publishers
         | make_components("registration", observer, "listener")
     )
 

@@ -3,7 +3,7 @@
 
 """The packet filters and rules for routing on the planned way of a packet, as they were read on the computers.
 
-A rule that drops the failed packet is the reason. Where all rules were understood and no rule drops it, a packet filter is a
+A rule that drops the failed packet is the reason. If all rules were understood and no rule drops it, a packet filter is a
 poor explanation. It stays possible, since some filters do not show themselves (XDP, the old iptables).
 """
 
@@ -39,9 +39,9 @@ class ReadFilters:
         self.rules: dict[Component, Rule] = {}  # that have shown a filter
 
     def find_drop(self, sender: str, target: str, traffic: str, port: int = 0) -> Component | None:
-        """Return the packet filter that drops a packet of this kind, or its answer; None where no known rule does.
+        """Return the packet filter that drops a packet of this kind, or its answer; None if no known rule does.
 
-        `port`: that of one node, where it is known.
+        `port`: that of one node, if it is known.
         """
         key = (sender, target, traffic, port)
         if key not in self._known:
@@ -49,7 +49,7 @@ class ReadFilters:
         return self._known[key]
 
     def list_origins(self, component: Component) -> tuple[str, ...]:
-        """List the chains, as "family table chain", of the rule that was found for a component; none where a rule did not show it."""
+        """List the chains, as "family table chain", of the rule that was found for a component; none if a rule did not show it."""
         shown = self.rules.get(component) or self.rules.get(component._replace(what=""))
         return shown.origins if shown else ()
 
@@ -184,7 +184,7 @@ def _read_names(machine: Machine, seen: Observation) -> dict[str, str]:
 
 
 def _is_for_one_pair(rule: Rule) -> bool:
-    """Return True if a rule is for one sender and one receiver alone."""
+    """Return True if a rule is only for one sender and one receiver."""
     ends = (rule.sources, rule.destinations)
     return all(len(networks) == 1 and networks[0].prefixlen == 32 for networks in ends)
 

@@ -10,7 +10,7 @@ network share the way to another network. So a large fleet is sampled by a rule 
 * on every other network it tries one computer, and its neighbours try others.
 
 So every way between networks is tried in both directions. Every computer tries two others at least, and two others at least
-try it, where there are so many.
+try it, if there are so many.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ALL_UP_TO = 30  # computers: so many are tried in all pairs
 AT_LEAST = 2  # times that each computer is looked at
 STREAMS = 300.0  # seconds of all streams that measure throughput
 SHORTEST, LONGEST = 0.1, 2.0  # seconds of one
-START = 3.0  # seconds until a computer begins with its streams, where it is slow
+START = 3.0  # seconds until a computer begins with its streams, if it is slow
 
 Targets = Mapping[str, Collection[str]]  # observer -> targets
 
@@ -55,7 +55,7 @@ def _targets(name: str, own: str, place: int, rings: Mapping[str, Sequence[str]]
 
 
 def _add_rare_targets(chosen: dict[str, set[str]], computers: Sequence[str]) -> Targets:
-    """Add pairs where a computer tries fewer than two, or is tried by fewer: in a ring of two, or alone."""
+    """Add pairs if a computer tries fewer than two, or is tried by fewer: in a ring of two, or as the only one."""
     counts = Counter(target for targets in chosen.values() for target in targets)
     for place, name in enumerate(computers):
         for other in [*computers[place + 1 :], *computers[:place]]:

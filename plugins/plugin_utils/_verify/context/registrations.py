@@ -4,7 +4,7 @@
 """The registrations that pass between robots: the planned flows (Flows), and the contents of the roscores (Exchanges).
 
 Pure: the plan of the fleet and the observed contents of roscores in, facts out. Each robot's registrations are read
-once. Pairs are compared by their sets, and names only where two robots have the same one.
+once. Pairs are compared by their sets, and names only if two robots have the same one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..observe.observations import Exchange, Import, NodeConnection
 from ..observe.uris import normalise_uri
 
 MOST = 20_000  # registrations of a robot that are compared: of another one, the nodes take 5,000
-RELAY = "/master_relay"  # what it takes across, the check of the relay judges
+RELAY = "/master_relay"  # the check of the relay judges its topics
 TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
 #: Types of topics on which each message says of whom it is: many nodes of a single robot publish them, too.
 MEANT_FOR_MANY = (
@@ -151,7 +151,7 @@ class Flows:
 
 
 def _particular(values: Iterable[object]) -> bool:
-    """Return True if some of the parameters of master_sync are for one master alone: such are mappings."""
+    """Return True if some of the parameters of master_sync are for only one master: such are mappings."""
     return any(isinstance(value, dict) or (isinstance(value, list) and _particular(value)) for value in values)
 
 
@@ -202,7 +202,7 @@ def _items(component: Exchange | Import) -> Iterator[tuple[RegisteredItem, str]]
 
 
 class Exchanges:
-    """The contents of all roscores of a run, beside the planned flows."""
+    """The contents of all roscores of a run, with the planned flows."""
 
     def __init__(
         self, fleet: FleetPlan, seen: Mapping[str, Exchange], misplaced: Mapping[str, Collection[str]] | None = None
@@ -221,7 +221,7 @@ class Exchanges:
         self._unlike = _find_unlike({robot: has.sums for robot, has in self.robots.items()})
 
     def find_due(self, source: str, target: str) -> frozenset[RegisteredItem]:
-        """Return what the target is to get of a source with a known content."""
+        """Return the registrations that the target is to get of a source with a known content."""
         rules = self.flows.rules(source, target)
         key = source, id(rules)
         if key not in self._wanted:
@@ -235,7 +235,7 @@ class Exchanges:
         return self._wanted[key]
 
     def find_missing(self, source: str, target: str) -> list[RegisteredItem]:
-        """List what the target is to get and has not, without the refusals that another check reports."""
+        """List the registrations that the target is to get and has not, without the refusals that another check reports."""
         if source not in self.robots:
             return []
         absent = self.find_due(source, target) - self.find_imports(source, target).keys()
@@ -252,14 +252,14 @@ class Exchanges:
         )
 
     def superfluous(self, source: str, target: str) -> list[RegisteredItem]:
-        """List what the target has of the source and is not to get."""
+        """List the registrations that the target has of the source and is not to get."""
         imports = self.find_imports(source, target)
         due = self.find_due(source, target) if source in self.robots else frozenset()
         rules = self.flows.rules(source, target)
         return sorted(item for item in imports.keys() - due if not rules.passes(item, imports[item]))
 
     def find_imports(self, source: str, target: str) -> Mapping[RegisteredItem, str]:
-        """Return what a target with a known content has of the source, with the types."""
+        """Return the registrations that a target with a known content has of the source, with the types."""
         imports = self.robots[target].imports
         return next((imports[uri] for uri in self._uris[source] if uri in imports), {})
 
@@ -320,13 +320,11 @@ class Exchanges:
         return [Conflict(name, (source, *theirs[name]), (target, *mine[name])) for name in topics if name in passing]
 
     def odd(self, conflict: Conflict) -> str:
-        """Name the one robot whose type or md5 sum of a topic differs from all others; empty where no robot is alone."""
+        """Name the one robot whose type or md5 sum of a topic differs from all others; empty if no robot is the only one."""
         topic = conflict.topic
         kinds = {robot: has.sums[topic] for robot, has in self.robots.items() if topic in has.sums}
-        alone = [
-            one for one in kinds if all(_differ(kinds[one], kind) for robot, kind in kinds.items() if robot != one)
-        ]
-        return alone[0] if len(alone) == 1 else ""
+        odd = [one for one in kinds if all(_differ(kinds[one], kind) for robot, kind in kinds.items() if robot != one)]
+        return odd[0] if len(odd) == 1 else ""
 
     def find_crossing_links(self, links: Iterable[NodeConnection], own: str, other: str) -> list[NodeConnection]:
         """List the connections between nodes of two robots that no planned registration explains.

@@ -34,18 +34,18 @@ class Stage(Enum):
     GIVEN = "given to the other robot, when asked as its sync node asks"
     PLANNED = "taken by the parameters of the sync node, and not refused"
     IMPORTED = "registered at the other roscore"
-    TOLD = "told to the subscriber by its roscore"
+    ANNOUNCED = "announced to the subscriber by its roscore"
     CONNECTED = "connected"
     READ = "a message is read"
 
 
-Seen = Mapping[Stage, bool | None]  # what has the call; None where it was not asked, or did not say
+Seen = Mapping[Stage, bool | None]  # True if the stage has the call; None if it was not asked, or did not say
 
 
 def find_stage(seen: Seen) -> Stage | None:
-    """Return the first stage that lacks the call, where the one before it has it; None where that is not known.
+    """Return the first stage that lacks the call, if the one before it has it; None if that is not known.
 
-    What a later stage has, all before it have had: a registration may be gone since.
+    A call that a later stage has was at all stages before it: a registration may be gone since.
     """
     first = None
     for stage in reversed(Stage):
@@ -63,11 +63,11 @@ def is_filtered(context: CheckContext, topic: str) -> bool:
     return own != its and not context.state.exchanges.flows.rules(its, own).passes(talker, TALKER_TYPE)
 
 
-# What was seen of each stage
+# The observations of each stage
 
 
 def observe_call(context: CheckContext) -> dict[Stage, bool | None]:
-    """Say of each stage what it has of the topic of the target's talker."""
+    """Return for each stage if it has the topic of the target's talker."""
     topic = context.topic
     if topic is None:
         return {}
@@ -79,7 +79,7 @@ def observe_call(context: CheckContext) -> dict[Stage, bool | None]:
 
 
 def observe_exchange(context: CheckContext, topic: str) -> dict[Stage, bool | None]:
-    """Say of the stages between two roscores what they have of a topic of the target's robot."""
+    """Return for the stages between two roscores if they have a topic of the target's robot."""
     own, its = (context.run.get(name) for name in context.masters)
     at_home = _find_source(its, context.masters[1])
     registered = topic in at_home.topics or _has_topic(_read_exchange(its), topic)
@@ -89,7 +89,7 @@ def observe_exchange(context: CheckContext, topic: str) -> dict[Stage, bool | No
     gives = _is_given(context, own, its, topic)
     return {
         Stage.REGISTERED: registered,
-        # of all topics of its roscore those are told that it has not
+        # of all topics of its roscore, the answer lists those that it does not have
         Stage.DISCOVERED: topic not in {*at_home.topics} - {*at_home.given}
         if registered and _has_answered(at_home)
         else None,
@@ -100,7 +100,7 @@ def observe_exchange(context: CheckContext, topic: str) -> dict[Stage, bool | No
 
 
 def _read_exchange(master: Participant | None) -> Exchange | None:
-    """Return the content of a roscore; None where it was not read."""
+    """Return the content of a roscore; None if it was not read."""
     if master is None or not master.is_probed or master.probe.exchange.error:
         return None
     return master.probe.exchange
@@ -121,7 +121,7 @@ def _has_import(own: Participant | None, topic: str) -> bool | None:
 
 
 def _is_here(context: CheckContext, topic: HeardTopic) -> bool | None:
-    """The observer's roscore has the topic, or had it. What has come only after the listener has ended says nothing."""
+    """The observer's roscore has the topic, or had it. A topic that came only after the end of the listener says nothing."""
     own = context.run.get(context.masters[0])
     if topic.publishers:
         return True
@@ -140,7 +140,7 @@ def _has_answered(source: GivenTopics) -> bool:
 
 
 def _is_given(context: CheckContext, own: Participant | None, its: Participant | None, topic: str) -> bool | None:
-    """Return True if the other discovery node gives the topic to the own sync node; None where it was not asked.
+    """Return True if the other discovery node gives the topic to the own sync node; None if it was not asked.
 
     A node that serves as planned, and has given the topics of all talkers, which are new, gives the others, too.
     """
@@ -159,14 +159,14 @@ def _is_given(context: CheckContext, own: Participant | None, its: Participant |
 
 
 def _is_listed(context: CheckContext, own: Participant) -> bool:
-    """The own discovery node has the other master online: else its sync node is not told of it."""
+    """The own discovery node has the other master online: else its sync node does not hear of it."""
     master = context.fleet.master_of.get(context.robots[1])
     entry = own.listed.get(master.name) if master else None
     return entry is not None and entry.online
 
 
 def _list_exclusions(own: Participant, names: list[str]) -> list[str]:
-    """List what of a sync node keeps names out: its refusals, or filters that are not as planned."""
+    """List the components of a sync node that keep names out: its refusals, or filters that are not as planned."""
     refused = {name for service in own.probe.services for name in service.refused}
     other = [
         f"{entry.name} is {entry.found}"
@@ -181,22 +181,22 @@ def _observe_listener(topic: HeardTopic) -> dict[Stage, bool | None]:
         return {}
     said = topic.heard or bool(topic.text)
     opened = topic.step == "connected" or (topic.step == "told" and topic.reached_outcome == Outcome.OPEN)
-    return {Stage.TOLD: said or bool(topic.step), Stage.CONNECTED: said or opened, Stage.READ: said}
+    return {Stage.ANNOUNCED: said or bool(topic.step), Stage.CONNECTED: said or opened, Stage.READ: said}
 
 
-# What lacks it
+# The component that lacks it
 
 
 def find_refusals(context: CheckContext, names: list[str]) -> Components:
-    """Return the sync node of the observer where it refuses some of these names, with its reasons where it tells them."""
+    """Return the sync node of the observer if it refuses some of these names, with its reasons if it reports them."""
     own = context.run.get(context.masters[0])
     services = own.probe.services if own else ()
     refused = {name for service in services for name in service.refused}
     names = list(dict.fromkeys(name for name in names if name in refused))
     reasons = {row.name: describe_refusal(row) for service in services for row in service.refusals}
-    told = [f"{name}: {reasons[name]}" for name in names if name in reasons]
-    if told:
-        return make_components("sync", context.masters[0], "objects", what=shorten_list(told, NAMED))
+    listed = [f"{name}: {reasons[name]}" for name in names if name in reasons]
+    if listed:
+        return make_components("sync", context.masters[0], "objects", what=shorten_list(listed, NAMED))
     return (
         make_components("sync", context.masters[0], "refuses", what=shorten_list(names, NAMED))
         if names
@@ -210,13 +210,13 @@ def describe_refusal(row: RefusedName) -> str:
         "node": f"a node at {row.here} has this name",
         "service": f"{row.here} provides it",
         "type": f"it is {row.there} there and {row.here} here",
-        "place": f"it is at {row.there}, where no node of {row.master} can be: {row.here}",
+        "place": f"it is at {row.there}, an address at which no node of {row.master} can be: {row.here}",
     }
     return words.get(row.kind, row.here)
 
 
 def find_lacking(context: CheckContext, stage: Stage | None, topic: str) -> Components:
-    """Return the component that lacks the call first, with its computer; nothing where the way to it has to be looked at."""
+    """Return the component that lacks the call first, with its computer; nothing if the way to it has to be looked at."""
     own, its = context.masters
     if stage == Stage.DISCOVERED:
         return make_components("discovery", its, "stale", what=topic)
@@ -236,7 +236,7 @@ def _find_lacking_node(context: CheckContext, stage: Stage | None) -> Components
     one, other, topic = context.observer.name, context.target, context.topic
     if stage == Stage.REGISTERED:
         return make_components("registration", other, "talker") if _has_talker(context.peer) else frozenset()
-    if stage == Stage.TOLD and one != context.masters[0]:
+    if stage == Stage.ANNOUNCED and one != context.masters[0]:
         return _find_drop(context, context.masters[0], one) or make_components("registration", one, "untold")
     if stage == Stage.CONNECTED and topic is not None and topic.step == "answered":
         return _find_drop(context, one, other) or make_components("registration", other, "closed")
@@ -259,8 +259,10 @@ def _find_drop(context: CheckContext, sender: str, target: str) -> Components:
 
 def find_mute_talkers(context: CheckContext) -> Components:
     """Return the talkers of the observer's robot that take its connections, and say nothing on two of them."""
-    told = (entry for entry in context.observer.topics.values() if _observe_listener(entry).get(Stage.READ) is False)
-    mute = (entry for entry in told if entry.step == "told" and entry.reached_outcome == Outcome.OPEN)
+    untouched = (
+        entry for entry in context.observer.topics.values() if _observe_listener(entry).get(Stage.READ) is False
+    )
+    mute = (entry for entry in untouched if entry.step == "told" and entry.reached_outcome == Outcome.OPEN)
     silent = (entry.computer for entry in mute if _is_silent(context.observer, entry.computer, context.ways))
     return join_components(make_components("registration", name, "mute", what=TALKER) for name in silent)
 

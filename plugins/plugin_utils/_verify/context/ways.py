@@ -32,7 +32,7 @@ class Way(NamedTuple):
 
 
 def _describe_roscore(component: Component) -> str:
-    """Say what a roscore shows. Without a word of it, it does not answer."""
+    """Describe the answer of a roscore. Without one, it does not answer."""
     return f"calls itself {component.what}" if component.mode == "name" and component.what else ""
 
 
@@ -128,7 +128,7 @@ class Ways:
         return titles
 
     def name_at(self, address: str) -> str:
-        """Name the computer with an address; empty where none is known."""
+        """Name the computer with an address; empty if none is known."""
         return self._at.get(address, "")
 
     def way(self, plan: ComputerPlan, target: str) -> Way:

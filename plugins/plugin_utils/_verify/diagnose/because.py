@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Why a finding was made: what showed it, the rows that it explains, and the rivals with what cleared them.
+"""Why a finding was made: its evidence, the rows that it explains, and the rivals with the successes that cleared them.
 
 It asks the scene of a diagnosis after all is decided, and changes nothing.
 """
@@ -58,13 +58,13 @@ def find_winner(winners: Mapping[Row, str], entry: Finding) -> DecisionRule:
 
 
 def _only_inferred(rule: str) -> DecisionRule:
-    """Return the rule of a finding without evidence. What was made by evidence that another finding has now was kept as it covers."""
+    """Return the rule of a finding without evidence. A finding whose evidence went to another finding was kept since it covers failures."""
     found = BY_ID.get(rule, BY_ID["cover"])
     return found if found.certainty == INFERRED else BY_ID["cover"]
 
 
 def _list_evidence(scene: Scene, entry: Finding, rule: DecisionRule) -> Iterable[Evidence]:
-    """List what has shown a finding: a row for each rule and check; of what is inferred, the first row that it explains."""
+    """List the evidence of a finding: a row for each rule and check; of an inferred one, the first row that it explains."""
     if not entry.proof:
         ends = entry.followed[:SHOWN] or (None,)
         row = entry.rows[0] if entry.rows else None
@@ -192,7 +192,7 @@ def _find_success(scene: Scene, component: Component, rows: Sequence[Row]) -> tu
 
 
 def _find_reason(scene: Scene, entry: Finding, component: Component, explains_fewer: bool, has_success: bool) -> str:
-    """Say what cleared a component, or why it was not named though nothing cleared it."""
+    """Name the success that cleared a component, or the reason why it was not named though nothing cleared it."""
     if component in scene.broken:
         return evidence.OWN_FINDING
     if has_success and component.fault.hard:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The command that mends a component, where it needs more than the component's name: pure, components and what was read there in, words out.
+"""The command that repairs a component, if it needs more than the component's name. Pure: components and the values read there in, words out.
 
-What a machine told is in them only where it has the form of its place: advice.py makes each command.
+A text of a machine is in them only if it has the form of its place: advice.py makes each command.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _drop_ins(computer: Participant, _components: Sequence[Component], _state: F
 
 
 def _limit_files(_computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
-    """A drop-in file gives a unit the limit that systemd gives, where nobody says another one."""
+    """A drop-in file gives a unit the limit that systemd gives, if no file sets another one."""
     for component in components:
         folder, unit = "/etc/systemd/system/{}.d", ("unit", component.what)
         lines = "printf '[Service]\\nLimitNOFILE=1024:524288\\n'"
@@ -112,7 +112,7 @@ def _limit_files(_computer: Participant, components: Sequence[Component], _state
         yield advice.command("systemctl daemon-reload; systemctl restart {}", unit)
 
 
-#: a maker of packet filters -> what it is told of a network, by the direction of its packets, so that it holds at boot; then what loads it
+#: a maker of packet filters -> its rule for a network, by the direction of its packets, so that it holds at boot; then the command that loads it
 LASTING: Mapping[str, tuple[Mapping[str, str], str]] = {
     "ufw": ({"in": "ufw allow from {}", "out": "ufw allow out to {}", "forward": "ufw route allow from {}"}, ""),
     "firewalld": (
@@ -123,7 +123,7 @@ LASTING: Mapping[str, tuple[Mapping[str, str], str]] = {
 }
 
 
-GROUPS = IPv4Network("224.0.0.0/4")  # of multicast: what is sent there has the fleet at its source alone
+GROUPS = IPv4Network("224.0.0.0/4")  # of multicast: only the source of packets to it is of the fleet
 #: direction of packets -> the chains of iptables that they pass, and the end of them that is in a network of the fleet
 CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "in": (("INPUT", "-s"),),
@@ -133,11 +133,13 @@ CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
 
 
 def _accept_packets(computer: Participant, components: Sequence[Component], state: FleetState) -> Commands:
-    """A rule before the one that drops lets the packets of the fleet pass; its program is told, where it is known."""
+    """A rule before the one that drops lets the packets of the fleet pass; its program gets the rule, too, if it is known."""
     networks = sorted({*(entry.network for entry in state.fleet.networks), state.fleet.common_network})
     for component in components:
         origins, direction = state.filters.list_origins(component), component.mode.rpartition(" ")[2]
-        known = [told for maker, told in LASTING.items() if any(re.fullmatch(MAKERS[maker], one) for one in origins)]
+        known = [
+            lasting for maker, lasting in LASTING.items() if any(re.fullmatch(MAKERS[maker], one) for one in origins)
+        ]
         if known and (words := known[0][0].get(direction)):
             ends = (GROUPS,) if component.mode == "group out" else networks
             yield from (words.format(end) for end in ends)
@@ -208,7 +210,7 @@ def _stop_translating(computer: Participant, _components: Sequence[Component], s
         yield from [*inserted, CONNTRACK]
 
 
-# (kind, mode) -> the commands, from what was read.
+# (kind, mode) -> the commands, from the values that were read.
 COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], FleetState], Commands]] = {
     ("link", "down"): _switch_on,
     ("interface", "mtu"): _set_mtu,
@@ -226,7 +228,7 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], F
 
 
 def make_commands(components: Sequence[Component], computer: Participant | None, state: FleetState) -> Advices:
-    """Return what to paste for components that are one finding; nothing where nothing was read that says it."""
+    """Return the commands to paste for components that are one finding; nothing if no value that was read says it."""
     fault = components[0].kind, components[0].mode
     if components[0].kind == "node":
         return list_remedies(components, computer, state)

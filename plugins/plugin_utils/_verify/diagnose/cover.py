@@ -18,13 +18,13 @@ from typing import NamedTuple
 from ..components.component import Component
 
 GAIN = 4.0  # of a failure that a component explains, in the measure of Fault.cost
-KNOWN = 2.0  # what a component gains that was read to be broken
+KNOWN = 2.0  # the bonus of a component that was read to be broken
 MOST = 5  # of these, with the component itself: a longer list does not help
 MARGIN = 1.0  # components that are as good as the best one, but for this: it is one of these
 
 
 class Failure(NamedTuple):
-    """An observation that is not as expected, with the components that may be the reason, and what it counts."""
+    """An observation that is not as expected, with the components that may be the reason, and its weight."""
 
     suspects: Set[Component]
     weight: float = 1.0
@@ -32,7 +32,7 @@ class Failure(NamedTuple):
 
 @dataclass
 class Explanation:
-    """A component that explains failures, by their numbers; `rivals` explain the same, and nothing tells them apart."""
+    """A component that explains failures, by their numbers; `rivals` explain the same, and nothing distinguishes them."""
 
     component: Component
     failures: list[int] = field(default_factory=list)
@@ -48,7 +48,7 @@ def explain(
     """Choose components until nothing is left that any component explains; return them, and the numbers of the rest.
 
     `known` are broken for sure. `passed` counts the successes that need a component; it is asked only about the best ones.
-    `doubt` says what a component costs more since it was not read; None where it is not concluded at all.
+    `doubt` gives the extra cost of a component that was not read; None if it is not concluded at all.
     """
     cover = _Cover(failures, known, passed, doubt)
     chosen = []
@@ -96,13 +96,13 @@ class _Cover:
         return None
 
     def take(self, component: Component) -> list[int]:
-        """Note that a component explains what it can; return the numbers of what nothing has explained before."""
+        """Note the failures that a component explains; return the numbers of those that nothing has explained before."""
         taken = [number for number in self.covers[component] if number in self.open]
         self.open.difference_update(taken)
         return taken
 
     def score(self, component: Component, numbers: Set[int] | None = None) -> float:
-        """Weigh a component by what it explains of what is open, or of some numbers.
+        """Weigh a component by the open failures that it explains, or by some numbers.
 
         Successes that need it clear a component that lets nothing pass. A different component is worth its share of failures.
         """
@@ -145,16 +145,16 @@ def _is_alike(one: Component, other: Component) -> bool:
 
 
 def _weigh_again(entry: Explanation, kept: Sequence[Explanation], cover: _Cover) -> None:
-    """Weigh a component by what no other chosen one explains: another one may explain that better, or as well.
+    """Weigh a component by the failures that no other chosen one explains: another one may explain that better, or as well.
 
-    What was read needs no rival.
+    A component that was read needs no rival.
     """
     if entry.component in cover.known or not entry.failures:
         return
     others = {number for other in kept if other is not entry for number in cover.covers[other.component]}
-    alone = {number for number in cover.covers[entry.component] if number not in others}
-    best, *rivals = cover.equals(entry.component, alone or set(entry.failures))
-    if cover.score(best, alone) > cover.score(entry.component, alone):
+    single = {number for number in cover.covers[entry.component] if number not in others}
+    best, *rivals = cover.equals(entry.component, single or set(entry.failures))
+    if cover.score(best, single) > cover.score(entry.component, single):
         entry.component = best
     entry.rivals = tuple(component for component in (best, *rivals) if not _is_alike(component, entry.component))
 
@@ -162,7 +162,7 @@ def _weigh_again(entry: Explanation, kept: Sequence[Explanation], cover: _Cover)
 def _drop_redundant(
     chosen: list[Explanation], covers: Mapping[Component, Sequence[int]], known: Set[Component]
 ) -> list[Explanation]:
-    """Drop a component that was only concluded where the others explain all that it explains."""
+    """Drop a component that was only concluded if the others explain all that it explains."""
     kept = list(chosen)
     for entry in reversed(chosen):
         others = [other for other in kept if other is not entry]

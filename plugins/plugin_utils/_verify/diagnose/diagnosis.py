@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The diagnosis: the smallest set of components that explains what failed, and that no success contradicts.
+"""The diagnosis: the smallest set of components that explains the failures, and that no success contradicts.
 
 Pure: the plan and the observations in, findings out. The rules in rules.py decide. A success of the same kind clears a component.
 """
@@ -46,7 +46,7 @@ def explain_rows(verification: Verification, rows: Sequence[Row]) -> Diagnosis:
 
 
 def list_unshown(verification: Verification) -> list[Sequence[Row]]:
-    """List what failed and no value shows: the rows of each finding without a proof, and those that nothing explains."""
+    """List failures that no value shows: the rows of each finding without a proof, and those that nothing explains."""
     diagnosis = explain_rows(verification, [row for row in verification.rows(Counter()) if row.verdict != OK])
     unshown = [
         entry
@@ -63,7 +63,7 @@ def _sample(rows: Sequence[Row]) -> list[Row]:
 
 
 def _weigh(scene: Scene, entry: Finding) -> tuple[int, float, bool, int, Component]:
-    """Order findings: the serious ones first; of these what is so now; of these what a value shows; of these what most follows from."""
+    """Order findings: the serious ones first; of these the faults of now; of these those that a value shows; of these those from which most follows."""
     return (
         SERIOUS.index(entry.verdict),
         _count_seconds(scene, entry),
@@ -74,7 +74,7 @@ def _weigh(scene: Scene, entry: Finding) -> tuple[int, float, bool, int, Compone
 
 
 def _count_seconds(scene: Scene, entry: Finding) -> float:
-    """Count the seconds since the last start of a unit that ended and runs again; 0 for what is so now."""
+    """Count the seconds since the last start of a unit that ended and runs again; 0 for a fault of now."""
     computer = scene.find_computer(entry.component)
     if computer is None or entry.verdict != WARNING or entry.component.mode != "restarting":
         return 0.0
@@ -86,7 +86,7 @@ def _count_seconds(scene: Scene, entry: Finding) -> float:
 
 
 def _add_details(scene: Scene, entry: Finding, is_explained: bool) -> Finding:
-    """Add what the machine at its place tells: since when, by how much, and what mends it."""
+    """Add the facts of the machine at its place: since when, by how much, and the commands against it."""
     computer = scene.find_computer(entry.component)
     told = _add_port(_add_clock_offset(entry), scene.verification.fleet)
     return replace(

@@ -51,7 +51,7 @@ class Effects:
         return None
 
     def _find_wrong_name(self, trip: Trip) -> Component | None:
-        """Find what is wrong with the name or the variable by which the connection of a trip begins."""
+        """Find the fault of the name or the variable by which the connection of a trip begins."""
         if trip.traffic not in BY_NAME:
             return None
         variables = trip.sender if trip.traffic == ROSCORE else trip.target  # its own, and the URI of the other's node
@@ -67,7 +67,7 @@ class Effects:
 
 
 def _list_trips(verification: Verification, row: Row, suspects: Iterable[Component]) -> Iterable[Trip]:
-    """List what a check needs on the network: its own packets, and the calls of the nodes that it suspects."""
+    """List the needs of a check on the network: its own packets, and the calls of the nodes that it suspects."""
     own = find_trip(verification, row)
     if own is not None:
         yield own

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Why a finding was made, as data: what showed it, what it explains, the rivals and what cleared them."""
+"""Why a finding was made, as data: its evidence, the results that it explains, the rivals and the successes that cleared them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..trace.steps import PacketTrace
 SEEN, LOCATED, INFERRED = "seen", "located", "inferred"
 #: how a finding was shown
 VALUE, BLOCKING_RULE, ERRNO, TRACE, INFERENCE = "value", "blocking rule", "errno", "packet trace", "inference"
-#: what cleared a rival
+#: the reasons that cleared a rival
 SUCCESS, GOOD_VALUE, PASSING_RULES, PASSED_TRACE, OWN_FINDING = "success", "value", "rules", "packet trace", "finding"
 #: or why it was not named, though nothing cleared it
 FEWER, RARER, LESS = "explains fewer", "rarer", "explains less elsewhere"

@@ -30,12 +30,12 @@ REASONS: Mapping[str, str] = {
     evidence.RARER: "not cleared: rarer (cost {cost:g} against {own:g})",
     evidence.LESS: "not cleared: of all that failed, it explains less",
     evidence.EQUAL: "not cleared: as likely, so both are named",
-    evidence.OUTWEIGHED: "not cleared: what was seen outweighs it",
+    evidence.OUTWEIGHED: "not cleared: the packet trace outweighs it",
 }
 
 
 class UnknownFinding(ValueError):
-    """An option names no finding. The message says what was expected."""
+    """An option names no finding. The message names the expected form."""
 
 
 def choose_findings(option: str, count: int) -> list[int]:

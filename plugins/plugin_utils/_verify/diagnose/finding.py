@@ -31,16 +31,16 @@ class Finding:
     also: tuple[Component, ...] = ()  # the same at the same place: other names, other networks
 
     passed: tuple[str, ...] = ()  # the checks that succeed in the same pairs, once for each
-    followed: tuple[SeenEnd, ...] = ()  # where packets were seen to end
+    followed: tuple[SeenEnd, ...] = ()  # the places where packets ended
     rule: str = ""  # the id of the row of rules.py that has made it
     because: Because | None = None
-    since: str = ""  # empty where it is not known
-    commands: Advices = ()  # that mend it, where what was read gives some
+    since: str = ""  # empty if it is not known
+    commands: Advices = ()  # against it, if values that were read give some
     inventory: InventorySource = field(default=UNKNOWN_INVENTORY, compare=False)
 
     @property
     def sure(self) -> str:
-        """How sure it is: a value showed it, packets were seen to end there, or it is what explains most."""
+        """How sure it is: a value showed it, packets were seen to end there, or it explains most."""
         return SEEN if self.proof else LOCATED if self.followed else INFERRED
 
     @property
@@ -50,7 +50,7 @@ class Finding:
 
     @property
     def subjects(self) -> str:
-        """Name what of the component is concerned: the first names or networks, and how many more. Of packets that end, the first."""
+        """Name the details of the component: the first names or networks, and how many more. Of packets that end, the first."""
         if self.component.kind == "way":
             return self.component.what  # the report has all of `followed`
         return shorten_list(
@@ -58,12 +58,12 @@ class Finding:
         )
 
     def sentence(self) -> str:
-        """Say what is wrong."""
+        """Return the sentence of the fault."""
         return self.component._replace(what=self.subjects).sentence()
 
     @property
     def do(self) -> Advices:
-        """Say what to do: what was read gives the commands, and the row what lasts. Nothing where it is only inferred."""
+        """Return the remedy: values that were read give the commands, and the row gives those that last. Nothing if it is only inferred."""
         if self.sure == INFERRED:
             return ()
         own = tuple(map(self._add_line, self.component.do(self.inventory.path)))
@@ -71,12 +71,12 @@ class Finding:
             return own
         if (
             self.component.kind == "node"
-        ):  # they name what has started the node, of which the row can only say what it may be
+        ):  # they name the starter of the node, of which the row can only name candidates
             return self.commands
         return (*self.commands, *(one for one in own if one.where in (CONTROLLER, INVENTORY)))
 
     def _add_line(self, one: Advice) -> Advice:
-        """Add to a change of the inventory where its variables are set now."""
+        """Add the places at which its variables are set now to a change of the inventory."""
         names = VARIABLE.findall(one.text) if one.where == INVENTORY else ()
         found = ((name, self.inventory.find_line(place, name)) for name in names for place in self.component.places)
         lines = dict.fromkeys(f"{name} is in {line}" for name, line in found if line)
@@ -84,7 +84,7 @@ class Finding:
 
     @property
     def look(self) -> Advices:
-        """Say what to look at if that does not help, or to tell the candidates apart."""
+        """Return the commands to look with if that does not help, or to distinguish the candidates."""
         ways = (one for end in self.followed[:1] for one in end.look) if self.component.kind == "way" else ()
         return tuple(
             dict.fromkeys(

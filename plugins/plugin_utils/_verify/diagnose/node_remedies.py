@@ -3,7 +3,7 @@
 
 """How a person's node is started right: in the shell, the unit, the launch file or the container that has started it.
 
-Pure: what was read of its process in, advices out.
+Pure: the facts of its process in, advices out.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ UNREAD = "its environment cannot be read here, so which variable is wrong is unk
 
 
 def list_remedies(components: Sequence[Component], computer: Participant | None, state: FleetState) -> Advices:
-    """Say how the nodes of a finding are started right; nothing where nothing is known of what has started them."""
+    """Return how to start the nodes of a finding right; nothing if their starter is not known."""
     components_here = set(components)
     nodes = [one for one in _list_nodes(state) if one.component in components_here]
     groups = list(dict.fromkeys(filter(None, (_describe(one, computer) for one in nodes))))

@@ -16,7 +16,7 @@ from ..components.component import Component
 
 
 def offset(component: Component, rows: Iterable[Row]) -> str:
-    """Say by how much, such as "2.0 s ahead of dabo-gate and tibi-gate"; empty where nothing was measured."""
+    """Say by how much, such as "2.0 s ahead of dabo-gate and tibi-gate"; empty if nothing was measured."""
     found: dict[str, float] = {}
     for row in rows:
         seconds = _seconds(row)

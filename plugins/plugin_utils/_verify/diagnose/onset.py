@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Since when a component is broken, where a machine tells: pure, a component and what was seen at its place in, a text out.
+"""The time since when a component is broken, if a machine shows it. Pure: a component and the facts of its place in, a text out.
 
-A service has a time of its own. The kernel notes none for its settings, routes and rules. So a file is told only where it decides
+A service has a time of its own. The kernel notes none for its settings, routes and rules. So a file is named only if it decides
 the fault: its line, its value, or its table of the packet filter was read.
 """
 
@@ -20,7 +20,7 @@ from ..observe.observations import BootDeviation, Probe, ServiceState
 SERVICES = ("roscore", "discovery", "sync")
 LATER = ("hung", "stale", "untold", "full", "stopped")  # these begin some time after the start, which says nothing
 FEW = 4  # changes of a link that are usual: it comes when the computer starts
-# A fault of the kernel's settings -> the settings, and the value that is wrong; a file counts where it sets this value.
+# A fault of the kernel's settings -> the settings, and the value that is wrong; a file counts if it sets this value.
 SETTINGS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("forwarding", "off"): (r"net\.ipv4\.(ip_forward|conf\..+\.forwarding)", "0"),
     ("reverse_path", "strict"): (r"net\.ipv4\.conf\..+\.rp_filter", "1"),
@@ -38,7 +38,7 @@ MAKERS: Mapping[str, str] = {
 
 
 def describe_onset(component: Component, computer: Participant | None, state: FleetState) -> str:
-    """Say since when; empty where it is not known."""
+    """Return since when; empty if it is not known."""
     if computer is None:
         return ""
     probe = computer.probe

@@ -4,7 +4,7 @@
 """The rules by which a diagnosis decides, in their order: one table, RULES.
 
 Each rule takes the rows that nothing explains yet, and leaves the rest to the next one. The first rules look at rows one by one: what
-shows one of them is a finding at once. The later ones look at what is left as a whole.
+shows one of them is a finding at once. The later ones look at the remaining failures as a whole.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from .evidence import BLOCKING_RULE, ERRNO, INFERENCE, INFERRED, LOCATED, SEEN, 
 from .scene import OpenRow, Scene
 
 WEIGHTS = {FAILED: 1.0, WARNING: 0.9, UNKNOWN: 0.5}
-NODES = ("roscore", "discovery", "sync", "registration")  # what others see of these needs the network
-CHANCE = 0.3  # what a failure counts where packets are known to get lost
+NODES = ("roscore", "discovery", "sync", "registration")  # their view by others needs the network
+CHANCE = 0.3  # the weight of a failure if packets are known to get lost
 LOSSES = ("loss", "power_save")  # modes of components that lose some packets
 MOST_ENDS = 4  # places that a finding names
 NOTHING: Components = frozenset()
 
 
 class DecisionRule(NamedTuple):
-    """A rule: its id, what it says, how sure a finding of it is, what shows it, and what it does to a scene."""
+    """A rule: its id, its sentence, how sure a finding of it is, its evidence, and its change of a scene."""
 
     id: str
     title: str
@@ -61,7 +61,7 @@ def _by_row(find: Callable[[Scene, OpenRow], Components]) -> Callable[[Scene, st
 
 
 def _find_drop(scene: Scene, one: OpenRow) -> Components:
-    """Find the packet filter with a rule that drops what a check has sent in vain."""
+    """Find the packet filter with a rule that drops the failed packets of a check."""
     verification = scene.verification
     trip = find_trip(verification, one.row) if verification.checks[one.row.check].carries else None
     component = trip and verification.state.filters.find_drop(trip.sender, trip.target, trip.traffic)
@@ -89,11 +89,11 @@ def _find_error(scene: Scene, one: OpenRow) -> Components:
     return one.left
 
 
-# What is left, as a whole
+# The remaining failures, as a whole
 
 
 def _drop_consequences(scene: Scene, rule: str) -> None:
-    """Count at its cause what is broken only because another component of the same place is."""
+    """Count a component at its cause, if it is broken only because another component of the same place is."""
     scene.order_proofs()
     for component in scene.broken:
         scene.places[component.places].append(component)
@@ -105,7 +105,7 @@ def _drop_consequences(scene: Scene, rule: str) -> None:
 
 
 def _use_effects(scene: Scene, rule: str) -> None:
-    """Give what known faults explain to their findings: what was sent ends in the world as it was read, too."""
+    """Give the failures that known faults explain to their findings: the packets end in the world as it was read, too."""
     effects, rest = Effects(scene.verification, scene.broken), []
     merged: dict[Component, Component] = {}  # component -> the one that it follows from
     for component in [component for component in scene.broken if component.kind in NODES or component in scene.shown]:
@@ -126,7 +126,7 @@ def _use_effects(scene: Scene, rule: str) -> None:
 
 
 def _use_ends(scene: Scene, rule: str) -> None:
-    """Let what failed on a way that was followed suspect only what the packets left there."""
+    """Let failures on a traced way suspect only the components that the packets left there."""
     if not scene.ends:
         return
     for one in scene.open:
@@ -145,7 +145,7 @@ def _choose_at_end(scene: Scene, one: OpenRow, rule: str) -> Components:
     row = one.row
     chosen = end.choose(filter(scene.is_possible, one.suspects))
     both = (row.observer, row.target), (row.target, row.observer)
-    # What got through between the two clears what lets nothing through, where another component is left.
+    # Packets that got through between the two clear a component that lets nothing through, if another one is left.
     chosen = (
         frozenset(component for component in chosen if not any(scene.count_needs(*pair)[component] for pair in both))
         or chosen
@@ -156,9 +156,9 @@ def _choose_at_end(scene: Scene, one: OpenRow, rule: str) -> Components:
 
 
 def _explain_loss(scene: Scene, rule: str) -> None:
-    """Explain the measured loss first. Where packets are known to get lost, something else may fail by chance.
+    """Explain the measured loss first. If packets are known to get lost, something else may fail by chance.
 
-    So it counts less there, and what nothing else explains is the loss.
+    So it counts less there, and a failure that nothing else explains is of the loss.
     """
     measured = [
         one.suspects
@@ -181,14 +181,14 @@ def _list_loss_suspects(scene: Scene, one: OpenRow) -> Components:
 
 
 def _choose_components(scene: Scene, rule: str) -> None:
-    """Choose few components that explain what is left."""
+    """Choose few components that explain the remaining failures."""
     failures = [_weigh_failure(scene, one) for one in scene.open]
-    # what was read may have a text that says more; a row suspects the component without it
-    told = {component._replace(what=""): component for component in scene.broken}
+    # a component that was read may have a text that says more; a row suspects it without that text
+    texts = {component._replace(what=""): component for component in scene.broken}
     ends = {end.component for end in scene.ends}
-    chosen, rest = explain(failures, {*scene.broken, *told, *ends}, scene.successes, scene.doubt)
+    chosen, rest = explain(failures, {*scene.broken, *texts, *ends}, scene.successes, scene.doubt)
     for entry in chosen:
-        component = entry.component if entry.component in scene.broken else told.get(entry.component, entry.component)
+        component = entry.component if entry.component in scene.broken else texts.get(entry.component, entry.component)
         for number in entry.failures:
             row = scene.open[number].row
             scene.explain(component, [row], scene.traced.get(row, rule))
@@ -206,7 +206,7 @@ def _weigh_failure(scene: Scene, one: OpenRow) -> Failure:
 
 
 def _take_chance(scene: Scene, rule: str) -> None:
-    """Give what nothing else explains to a loss on its way."""
+    """Give a failure that nothing else explains to a loss on its way."""
     rest = []
     for one in scene.open:
         if losses := scene.by_chance.get(one.number):
@@ -217,7 +217,7 @@ def _take_chance(scene: Scene, rule: str) -> None:
 
 
 def _name_ends(scene: Scene) -> None:
-    """Add to the findings where their packets were seen to end."""
+    """Add the places where packets ended to their findings."""
     for component, entry in scene.broken.items():
         places = {end.place.step: end for end in scene.shown.get(component, ())}
         entry.followed = tuple(places.values())[:MOST_ENDS]
@@ -226,7 +226,7 @@ def _name_ends(scene: Scene) -> None:
 RULES: Sequence[DecisionRule] = (
     DecisionRule(
         "rule-drops",
-        "a rule of a packet filter that was read drops what the check has sent",
+        "a rule of a packet filter that was read drops the packets of the check",
         SEEN,
         BLOCKING_RULE,
         _by_row(_find_drop),
@@ -234,7 +234,7 @@ RULES: Sequence[DecisionRule] = (
     ),
     DecisionRule(
         "trace-sign",
-        "packets were followed to their end, where an errno, an ICMP error or a counter names the component",
+        "a packet trace shows the end of the packets, and an errno, an ICMP error or a counter there names the component",
         SEEN,
         TRACE,
         _by_row(_find_sign),
@@ -243,7 +243,7 @@ RULES: Sequence[DecisionRule] = (
     DecisionRule("value", "a value that was read is not the expected one", SEEN, VALUE, _by_row(_find_value)),
     DecisionRule(
         "errno",
-        "an error of what the check has sent leaves one component alone",
+        "an error of a packet of the check leaves only one component",
         SEEN,
         ERRNO,
         _by_row(_find_error),
@@ -283,7 +283,7 @@ RULES: Sequence[DecisionRule] = (
     ),
     DecisionRule(
         "cover",
-        "it explains most of what is left, and no success clears it",
+        "it explains most of the remaining failures, and no success clears it",
         INFERRED,
         INFERENCE,
         _choose_components,
@@ -302,7 +302,7 @@ BY_ID = {rule.id: rule for rule in RULES}
 
 
 def decide(scene: Scene) -> None:
-    """Let each rule take what it explains."""
+    """Let each rule take the rows that it explains."""
     for rule in RULES:
         rule.apply(scene, rule.id)
     _name_ends(scene)

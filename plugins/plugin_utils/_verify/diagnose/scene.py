@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The state of a diagnosis: the rows that nothing explains yet, the findings so far, and what successes and values say of a component.
+"""The state of a diagnosis: the rows that nothing explains yet, the findings so far, and the words of successes and values on a component.
 
 The rules of rules.py change it, in their order. It knows none of them.
 """
@@ -25,10 +25,10 @@ from .finding import Finding
 
 ALL_NODES = ("nodes", "nodes in", "nodes out")  # filters of any port, and so of the others, too
 ASKED = 60  # pairs that are looked at for a success that clears a component
-ENOUGH = 3  # successes that clear it, where it lets nothing pass
+ENOUGH = 3  # successes that clear it, if it lets nothing pass
 MANY = 20  # those that are counted of a component that lets some things pass: their share says how likely it is
-UNREAD = 1.0  # what a component costs more that a value would show, if somebody had looked
-NOT_FOUND = 2.0  # what a packet filter costs more where the rules were read and none of them drops it
+UNREAD = 1.0  # the extra cost of a component that a value would show, if it had been read
+NOT_FOUND = 2.0  # the extra cost of a packet filter if the rules were read and none of them drops it
 
 
 class OpenRow:
@@ -47,7 +47,7 @@ class OpenRow:
 
     @property
     def suspects(self) -> Components:
-        """The components that may be its reason: what an error leaves, or else all that the check names."""
+        """The components that may be its reason: those that an error leaves, or else all that the check names."""
         if self._suspects is None:
             self._suspects = self.left or self._verification.list_suspects(self.row)
         return self._suspects
@@ -66,17 +66,17 @@ class Scene:
         self.broken: dict[Component, Finding] = {}  # a finding for each component, at first
         self.winners: dict[Row, str] = {}  # row -> the rule that has explained it
         self.traced: dict[Row, str] = {}  # row on a way that was followed -> the rule that has followed it
-        self.outcomes: dict[
-            Row, str
-        ] = {}  # row -> the outcome of what its check has sent, where an error shows a component
-        self.places: dict[tuple[str, ...], list[Component]] = defaultdict(list)  # what was read to be broken, by place
+        self.outcomes: dict[Row, str] = {}  # row -> the outcome of a probe of its check, if an error shows a component
+        self.places: dict[tuple[str, ...], list[Component]] = defaultdict(
+            list
+        )  # the components that values show as broken, by place
         self.cleared: dict[tuple[str, str], Counter[Component]] = {}
         self.by_chance: dict[int, Components] = {}  # number of a row -> the losses that it may be by chance
         self.open = [OpenRow(number, row, verification) for number, row in enumerate(rows)]
         self.numbers = {row: number for number, row in enumerate(rows)}
         self.shown: dict[Component, list[SeenEnd]] = defaultdict(
             list
-        )  # what packets have shown at the place of a component
+        )  # the observations of packets at the place of a component
         self.ends = [
             replace(end, sign=None) if self._is_disproved(end.sign) else end for end in find_ends(verification)
         ]
@@ -105,7 +105,7 @@ class Scene:
         self.broken = dict(sorted(self.broken.items(), key=lambda item: (first[item[0]], item[0])))
 
     def find_end(self, row: Row) -> SeenEnd | None:
-        """Find the place where packets of the same kind were seen to end on the way of a row."""
+        """Find the place where packets of the same kind ended on the way of a row."""
         for trip in list_trips(self.verification, row) if self.ends else ():
             own = [end for end in self.ends if end.trip == trip]
             computers = self.list_computers(trip.sender, trip.target)
@@ -122,7 +122,7 @@ class Scene:
         return any(self.count_needs(place, place)[component] for place in component.places)
 
     def is_possible(self, component: Component) -> bool:
-        """Return True if a component may be broken by what was read at its own place: a setting that is right, or a filter without a rule."""
+        """Return True if a component may be broken by the values of its own place: a setting that is right, or a filter without a rule."""
         if component in self.broken:
             return True
         return not self.is_cleared(component) and self.doubt(component) in (0.0, UNREAD)
@@ -132,7 +132,7 @@ class Scene:
         return {one, other, *(place for place, _network in self.verification.ways.list_links(one, other))}
 
     def doubt(self, component: Component) -> float | None:
-        """Say what it costs more to conclude a component that reading did not show; None where it would have shown it."""
+        """Return the extra cost of a conclusion that no value shows; None if a value would have shown it."""
         if component.fault.read:
             computer = self.find_computer(component)
             is_read = component.fault.read == ALWAYS or (computer is not None and computer.seen.probe is not None)
@@ -167,7 +167,7 @@ class Scene:
         )
 
     def add_reasons(self, suspects: Components) -> Components:
-        """Add to the suspects what some of them follow from."""
+        """Add the causes of some suspects to the suspects."""
         return suspects | {reason for component in suspects if (reason := self.find_reason(component))}
 
     def list_successes(self, rows: Sequence[Row]) -> tuple[str, ...]:
@@ -178,7 +178,7 @@ class Scene:
     def successes(self, component: Component) -> int:
         """Count successes that need a component, up to a few: first in the pairs that failed with it, then in others.
 
-        Where packets were seen to end, others that got through say nothing.
+        At a place where packets end, others that got through say nothing.
         """
         if component in self.shown:
             return 0

@@ -11,7 +11,7 @@ from ....module_utils._contract.fields import Struct, find_struct
 
 
 def make_dataclasses(*structs: type[Struct]) -> None:
-    """Make these classes and those of their fields dataclasses, in place. What no check reads is no field of theirs."""
+    """Make these classes and those of their fields dataclasses, in place. A value that no check reads is no field of theirs."""
     for struct in structs:
         _make_dataclass(struct)
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Observations: what the modules that measure answer, as types. Those of multimaster_verify and multicast_verify are in the contract.
+"""Observations: the answers of the modules that measure, as types. Those of multimaster_verify and multicast_verify are in the contract.
 
 `_base.plain.from_plain` reads them, once, in the action fleet_report.
 
@@ -175,9 +175,9 @@ class Observation:
     probe: Probe | None = None
     unreachable: bool = False
     problem: str = ""
-    packet_filter: FilterState | None = None  # None where no packet filter is planned or left over
-    found: MachineState | None = None  # None where preflight did not look
+    packet_filter: FilterState | None = None  # None if no packet filter is planned or left over
+    found: MachineState | None = None  # None if preflight did not look
     services: tuple[str, ...] | None = None  # the planned services that can run there, by preflight
-    streams: Streams | None = None  # None where no throughput was measured
-    filters: FilterChains | None = None  # None where the machine was not looked at
-    packet_trace: TraceObservation | None = None  # None where nothing was followed
+    streams: Streams | None = None  # None if no throughput was measured
+    filters: FilterChains | None = None  # None if the machine was not looked at
+    packet_trace: TraceObservation | None = None  # None if nothing was followed

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Observations of the packet trace: what fleet_packet_trace chose, and what multimaster_packet_trace answers by the contract, as types."""
+"""Observations of the packet trace: the choice of fleet_packet_trace, and the answers of multimaster_packet_trace by the contract, as types."""
 
 from __future__ import annotations
 
@@ -52,4 +52,4 @@ class TraceObservation:
 
     probes: tuple[TracedProbe, ...] = ()
     sent: tuple[SentProbe, ...] = ()
-    packets: SeenPackets | None = None  # None where it did not listen
+    packets: SeenPackets | None = None  # None if it did not listen

@@ -4,7 +4,7 @@
 """Read the registered results of the tasks of a run as observations. Pure: Ansible's variables in.
 
 The texts of a robot come in here, and they may say anything. Behind this file a text is a planned name, or it has the form of
-a name, an address or the like, or it stands in quotes. So the checks need not quote, and a sentence of ours is ours alone.
+a name, an address or the like, or it is in quotes. So the checks need not quote, and a sentence of ours has no foreign words.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ T = TypeVar("T")
 LONGEST_TEXT = 500  # characters of one text of a robot
 MOST_CAPTURES = 5000  # packets of one computer: more than a listener of ours keeps, of all protocols
 
-#: texts that stand without quotes, by the key of a result: lines of `ip` for policy_routing.py, and words of our modules
+#: texts that are without quotes, by the key of a result: lines of `ip` for policy_routing.py, and words of our modules
 FORMS = {
     "rules": re.compile(r"[0-9]+: [a-z0-9][A-Za-z0-9 _./:-]*"),
     "closed": re.compile(r"(blackhole|unreachable|prohibit) [A-Za-z0-9 _./:-]*"),
@@ -68,7 +68,7 @@ FORMS = {
         r"[A-Z][A-Za-z]{2,40}|conntrack [a-z_]+|drop reason [A-Z][A-Z0-9_]{1,60}|[a-z0-9]+ (errors|drops) (in|out)"
     ),
 }
-#: a key of a result is a word of our modules, or a name of others
+#: a key of a result is a word of our modules, or a foreign name
 KEY = re.compile(r"[a-z][a-z_]*")
 
 
@@ -112,13 +112,13 @@ def list_plan_names(fleet: FleetPlan) -> frozenset[str]:
 def read_result(
     kind: type[T], variables: Mapping[str, Any], name: str, component: str, names: Collection[str] = ()
 ) -> T | None:
-    """Read a registered result; None where the task gave no result, or one without this part. Raises Mismatch."""
+    """Read a registered result; None if the task gave no result, or one without this section. Raises Mismatch."""
     result = find_result(variables, name)
     return from_plain(kind, quote_texts(result, names=names)) if component in result else None
 
 
 def quote_texts(value: Any, key: str = "", names: Collection[str] = ()) -> Any:
-    """Return a value with its texts quoted, so that they may stand in a sentence. `names` stay as they are."""
+    """Return a value with its texts quoted, so that they may be in a sentence. `names` stay as they are."""
     if isinstance(value, str):
         return value if value in names else _quote_text(value, key)
     if isinstance(value, Mapping):
@@ -139,7 +139,7 @@ def _quote_text(text: str, key: str) -> str:
 
 
 def find_result(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Find a registered result, or with a dot in the name a part of it; empty where it is missing."""
+    """Find a registered result, or with a dot in the name a part of it; empty if it is missing."""
     result: Any = variables
     for key in name.split("."):
         result = result[key] if isinstance(result, Mapping) and key in result else {}
@@ -149,7 +149,7 @@ def find_result(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 def read_packet_trace(
     host: str, variables: Mapping[str, Any], tasks: Mapping[str, Any], names: Collection[str] = ()
 ) -> TraceObservation | None:
-    """Read what a computer sent and saw in the packet trace; None where there was none. Raises Mismatch."""
+    """Read the packets that a computer sent and saw in the packet trace; None if there was none. Raises Mismatch."""
     plan = from_plain(TracePlan, find_result(variables, tasks.get("follow", "")))  # of the controller: nothing to quote
     if not plan.probes:
         return None
@@ -161,13 +161,13 @@ def read_packet_trace(
 
 
 def read_services(variables: Mapping[str, Any], name: str, names: Collection[str] = ()) -> tuple[str, ...] | None:
-    """Read the services that can run there by preflight; None where preflight did not look."""
+    """Read the services that can run there by preflight; None if preflight did not look."""
     values = find_result(variables, name).get("services")
     return tuple(quote_texts(values, names=names)) if isinstance(values, (list, tuple)) else None
 
 
 def read_preflight(variables: Mapping[str, Any], name: str, names: Collection[str] = ()) -> MachineState | None:
-    """Read the findings of preflight from the variable with the computer's plan; None where preflight did not look. Raises Mismatch."""
+    """Read the findings of preflight from the variable with the computer's plan; None if preflight did not look. Raises Mismatch."""
     plan = find_result(variables, name)
     if "found" not in plan:
         return None

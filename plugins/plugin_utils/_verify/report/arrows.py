@@ -21,7 +21,7 @@ from .picture import SIGNS, shorten, write_svg
 MOST = 8  # robots: more arrows are not readable
 LETTER, SHOWN = 7.3, 20  # the width of a letter; letters of a name that are shown
 HIGH = 26  # of a box
-BEND = 0.12  # how far an arrow leaves the straight line, to be beside the arrow back
+BEND = 0.12  # how far an arrow leaves the straight line, to leave room for the arrow back
 HEAD = 9  # the length of the head of an arrow
 
 STYLE = """
@@ -55,7 +55,7 @@ def draw_arrows(robots: Sequence[str], unseen: Mapping[str, Sequence[str]], read
     }
     lines = [
         _arrow(*pair, at[pair[0]], at[pair[1]], wide / 2, verdict)
-        for kind in (OK, UNKNOWN, FAILED)  # the worst lies above
+        for kind in (OK, UNKNOWN, FAILED)  # the worst is on top
         for pair, verdict in verdicts.items()
         if verdict == kind
     ]

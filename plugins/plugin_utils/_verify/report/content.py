@@ -79,7 +79,7 @@ def list_findings(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 
 def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> list[dict[str, Any]]:
-    """List the robots: computers, what they provide, and what they have imported from others."""
+    """List the robots: computers, own topics and services, and imported ones."""
     by_uri = {normalise_uri(uri): robot for robot, uris in fleet.master_uris.items() for uri in uris}
     robots = []
     for robot, master in fleet.master_of.items():
@@ -115,7 +115,7 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
 
 
 def _name_crossing(channel: Mapping[str, Any], *, given: bool) -> dict[str, list[str]]:
-    """Name what the robot of a relay gives, or what it takes, as the robot has it that gets it."""
+    """Name the topics that the robot of a relay gives, or takes, as the receiving robot names them."""
     return {
         kind: [
             find_outer_name(channel, name) if channel["inner"] == given else name
@@ -126,9 +126,9 @@ def _name_crossing(channel: Mapping[str, Any], *, given: bool) -> dict[str, list
 
 
 def _describe_changes(channel: Mapping[str, Any]) -> dict[str, str]:
-    """Say for each topic and service that a relay gives by another name or at a rate what its own name is, and the rate."""
+    """Return for each topic and service that a relay gives by another name or at a rate its own name, and the rate."""
     rate = f"at {channel['rate']:g} messages/s" if channel.get("rate") else ""
-    newest = "the newest alone" if channel.get("newest") else ""
+    newest = "only the newest" if channel.get("newest") else ""
     described = {}
     for kind in ("topics", "services"):
         for name in list_names(channel, kind, given=True):
@@ -154,7 +154,7 @@ def _list_registrations(
 
 
 def _name_registrations(component: Exchange | Import) -> dict[str, list[str]]:
-    """Name what is published and served, by own nodes or by those of another master."""
+    """Name the published topics and the services, by own nodes or by nodes of another master."""
     return {
         "topics": _clean_names(topic.name for topic in component.topics if _has_publisher(topic.publishers)),
         "services": _clean_names(service.name for service in component.services),
@@ -162,7 +162,7 @@ def _name_registrations(component: Exchange | Import) -> dict[str, list[str]]:
 
 
 def _list_crossed(exchange: Exchange, channel: Mapping[str, Any]) -> dict[str, Any]:
-    """List what a relay has of another robot."""
+    """List the topics and services that a relay has of another robot."""
     names = _name_crossing(channel, given=False)
     topics = (topic.name for topic in exchange.topics if RELAY in topic.publishers)
     services = (service.name for service in exchange.services if service.node == RELAY)
@@ -174,7 +174,7 @@ def _list_crossed(exchange: Exchange, channel: Mapping[str, Any]) -> dict[str, A
 
 
 def _has_publisher(nodes: Iterable[str]) -> bool:
-    """Tell if a node publishes that is not of the verification itself."""
+    """Return True if a node publishes that is not of the verification itself."""
     return any(not node.startswith(TEST_NODES) for node in nodes)
 
 
@@ -195,7 +195,7 @@ def list_streams(observations: Mapping[str, Observation]) -> list[dict[str, Any]
 
 
 def list_remarks(observations: Mapping[str, Observation]) -> list[str]:
-    """List what preflight warns of, as Ansible shows it during the run: sentences, once each."""
+    """List the warnings of preflight, as Ansible shows it during the run: sentences, once each."""
     remarks = (text for seen in observations.values() if seen.found is not None for text in seen.found.warned)
     return list(islice(dict.fromkeys(remarks), MOST))
 
@@ -220,7 +220,7 @@ def list_traffic(fleet: FleetPlan, observations: Mapping[str, Observation]) -> d
 
 
 def _sum_flows(robot: str, topic: str, flows: Sequence[SentTopic]) -> dict[str, Any]:
-    """Sum what the nodes of a robot send on a topic to all others."""
+    """Sum the traffic of a robot's nodes on a topic to all others."""
     to = Counter[str]()
     for flow in flows:
         to[flow.robot] += flow.subscribers
@@ -256,7 +256,7 @@ def describe_machines(
 
 
 def _text(info: Any, *keys: str) -> str:
-    """Return the text at a path of keys; empty where there is none."""
+    """Return the text at a path of keys; empty if there is none."""
     for key in keys:
         info = info.get(key) if isinstance(info, Mapping) else None
     return info if isinstance(info, str) else ""

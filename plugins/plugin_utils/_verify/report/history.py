@@ -62,7 +62,7 @@ def _shares(found: Any, computers: Collection[str]) -> bool:
 
 
 def count_seconds(before: Mapping[str, Any], now: float) -> int:
-    """Count the seconds from the run of a document until now, both by the clock of the controller; 0 where it has no time before now."""
+    """Count the seconds from the run of a document until now, both by the clock of the controller; 0 if it has no time before now."""
     try:
         return max(0, int(now - datetime.strptime(before["time"], TIME).timestamp()))
     except (KeyError, OverflowError, TypeError, ValueError):  # written by another version, or by hand
@@ -70,7 +70,7 @@ def count_seconds(before: Mapping[str, Any], now: float) -> int:
 
 
 def compare(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Compare two documents. Return sentences: what is new, what is gone, and which findings are no longer there."""
+    """Compare two documents. Return sentences: new failures, failures that are gone, and findings that are gone."""
     try:
         return list(_compare(before, now))
     except (AttributeError, KeyError, TypeError) as _other_shape:  # written by another version, or by hand

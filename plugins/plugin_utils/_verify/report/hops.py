@@ -43,7 +43,7 @@ STYLE = """
 def draw_way(way: Mapping[str, Any]) -> str:
     """Draw a way. It fits a narrow window as long as its letters can be read."""
     drawn = _Sheet(way)
-    svg = write_svg(drawn.width, drawn.y, "img", "; ".join([*drawn.told, drawn.words]), STYLE, drawn.list_elements())
+    svg = write_svg(drawn.width, drawn.y, "img", "; ".join([*drawn.spoken, drawn.words]), STYLE, drawn.list_elements())
     return f'<div class="way" style="width:{drawn.width}px;max-width:100%;min-width:{drawn.width * SMALLEST:.0f}px">{svg}</div>'
 
 
@@ -55,7 +55,7 @@ def list_columns(way: Mapping[str, Any]) -> list[str]:
 
 
 class _Sheet:
-    """The elements of a picture; `y` is how far they reach, and `told` the same in words."""
+    """The elements of a picture; `y` is how far they reach, and `spoken` the same in words."""
 
     def __init__(self, way: Mapping[str, Any]) -> None:
         names = list_columns(way)
@@ -65,7 +65,7 @@ class _Sheet:
         self.x = {name: self.step * (number + 0.5) for number, name in enumerate(names)}
         self.reached = {names[0], way["at"]}
         self.rows: list[str] = []
-        self.told: list[str] = []
+        self.spoken: list[str] = []
         self.most = int((self.width - 2 * EDGE) / LETTER)  # letters of a line
         self.y = BOX + 2 * EDGE
         for hop in way["hops"]:
@@ -109,7 +109,7 @@ class _Sheet:
         to = f"to {shorten(hop['target_mac'])}" if hop["target_mac"] else ""
         where = " in ".join(filter(None, (to, plain(hop["network"]))))
         words = f"{plain(hop['sender'])} to {plain(hop['receiver']) or 'an unknown computer'}: {seen}; {where}"
-        self.told.append(words)
+        self.spoken.append(words)
         kind = "hop" if hop["arrived"] else "hop lost"
         self.rows.append(
             f'<g><title>{escape(words)}</title><line class="{kind}" x1="{begin:.1f}" y1="{y}" x2="{end:.1f}" y2="{y}"/></g>'

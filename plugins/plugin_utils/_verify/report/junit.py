@@ -68,7 +68,7 @@ def _case(suite: ElementTree.Element, check: Mapping[str, Any], rows: Mapping[tu
 
 
 def _is_skipped(check: Mapping[str, Any]) -> bool:
-    """Tell if no row of a check was judged."""
+    """Return True if no row of a check was judged."""
     return bool(check[UNKNOWN]) and not check[OK] and not check[WARNING] and not check[FAILED]
 
 
@@ -99,6 +99,6 @@ def _text(findings: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _list_lines(entry: Mapping[str, Any]) -> list[str]:
-    """List the lines of a finding: its sentence, what to do, and what to look at."""
+    """List the lines of a finding: its sentence, the remedy, and the commands to look with."""
     advices = [(word, one.sentence) for word in ("do", "look") for one in read_advices(entry[word])]
     return [f"{entry['verdict']}: {entry['id']}: {entry['sentence']}", *(f"  {word}: {text}" for word, text in advices)]

@@ -38,7 +38,7 @@ class MatrixKind(NamedTuple):
 
 
 KINDS = (
-    MatrixKind("names", "Names", "What each name means there.", ("name", "user_name")),
+    MatrixKind("names", "Names", "The address of each name there.", ("name", "user_name")),
     MatrixKind(
         "pings",
         "Pings and ways",
@@ -48,7 +48,7 @@ KINDS = (
     MatrixKind(
         "udp",
         "UDP",
-        "Datagrams of discovery, by multicast and by unicast, with their number or what was lost.",
+        "Datagrams of discovery, by multicast and by unicast, with their number or their loss.",
         ("udp_multicast", "udp_unicast", "source", "icmp_rounds"),
     ),
     MatrixKind(
@@ -61,17 +61,17 @@ KINDS = (
         "throughput", "Throughput", "Mbit/s of a short stream, one at a time; the darker, the faster.", ("throughput",)
     ),
     MatrixKind("clocks", "Clocks", "How far the clocks are apart.", ("clock",)),
-    MatrixKind("masters", "Masters", "Who lists which master.", ("list_masters",)),
+    MatrixKind("masters", "Masters", "The masters that each lists.", ("list_masters",)),
     MatrixKind("topics", "Topics", "A subscriber hears a talker.", ("topic_heard",)),
     MatrixKind(
         "exchange",
         "Exchange of topics and services",
-        "What is registered at the other roscore, compared with what is to be there.",
+        "The registrations at the other roscore, compared with the planned ones.",
         ("flow", "names", "types", "copies", "cross_link"),
     ),
 )
 _KIND_OF = {check: kind.id for kind in KINDS for check in kind.checks}
-_MEASURED = {"ping_address", "udp_multicast", "rpc_port", "clock"}  # what they find is a number
+_MEASURED = {"ping_address", "udp_multicast", "rpc_port", "clock"}  # their result is a number
 _STREAM, _MBIT_S = "throughput", re.compile(r"(\d+(?:\.\d+)?) Mbit/s$")  # its cells have the number itself, and a shade
 SHADES = 5
 
@@ -84,7 +84,7 @@ class Cell:
     text: str = ""
     results: list[str] = field(default_factory=list)
     least: float | None = None  # the slowest stream, in Mbit/s
-    shade: int = 0  # of 1 to SHADES, where there is one
+    shade: int = 0  # of 1 to SHADES, if there is one
 
     @property
     def verdict(self) -> str:
@@ -143,7 +143,7 @@ class Matrices:
         return self.robots.get(row.observer, row.observer), self.robots.get(row.target, row.target)
 
     def _describe(self, row: Row) -> str:
-        """Return a result as text; empty where the room is used up."""
+        """Return a result as text; empty if the room is used up."""
         if self.room <= 0:
             return ""
         pair = "" if self.single or row.observer == row.target else f"{row.observer} to {row.target}: "
@@ -161,7 +161,7 @@ class Matrices:
     def computer_matrix(self) -> Matrix:
         """Return the matrix of the results about one computer each: computers and checks."""
         checks = [title for title in TITLES.values() if any(key[1] == title for key in self._cells[ITSELF])]
-        return self._matrix(MatrixKind(ITSELF, "Computers", "What each one says of itself.", ()), checks)
+        return self._matrix(MatrixKind(ITSELF, "Computers", "The checks of each computer itself.", ()), checks)
 
     def _matrix(self, kind: MatrixKind, targets: Sequence[str]) -> Matrix:
         cells = self._cells[kind.id]

@@ -43,7 +43,7 @@ def list_nodes(fleet: FleetPlan, observations: Mapping[str, Observation]) -> dic
 
 
 def _count_nodes(robot: str, probe: Probe, ways: Ways) -> Row:
-    """Count the nodes of a roscore by computer; a host that the plan does not have stands for itself."""
+    """Count the nodes of a roscore by computer; a host that the plan does not have counts as itself."""
     nodes = probe.exchange.nodes
     computers = Counter[str]()
     for entry in nodes.hosts:
@@ -83,7 +83,7 @@ def _describe_start(process: NodeHost) -> str:
 
 
 def _describe_silence(entry: SilentNode | None) -> str:
-    """Say whether a node answers its roscore's computer, and if not, why."""
+    """Describe a node's answer to its roscore's computer, or the reason why there is none."""
     if entry is None:
         return "yes"
     if entry.tcp_outcome == Outcome.OPEN:
@@ -92,7 +92,7 @@ def _describe_silence(entry: SilentNode | None) -> str:
 
 
 def describe_nodes(nodes: Mapping[str, Any]) -> str:
-    """Say how many nodes there are, and whether all is well with them; empty where nothing is known of any."""
+    """Describe the number of nodes, and their faults; empty if no node is known."""
     roscores = nodes["roscores"]
     if not nodes["odd"] and not any(entry["registered"] for entry in roscores):
         return ""

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The report as one HTML page without other files. Its template is page.html.j2, beside this file. Pure: text out.
+"""The report as one HTML page without other files. Its template is page.html.j2, in this folder. Pure: text out.
 
 The template escapes each text from the network.
 """
@@ -135,7 +135,7 @@ def _list_names(entries: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _name_with_change(entry: Mapping[str, Any], name: str) -> str:
-    """Return a name with what a relay changes of it: its other name, and the rate."""
+    """Return a name with the changes by a relay: its other name, and the rate."""
     change = entry.get("changed", {}).get(name)
     return f"{name} ({change})" if change else name
 

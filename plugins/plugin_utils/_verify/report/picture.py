@@ -23,7 +23,7 @@ from ..checks.engine import FAILED, OK, UNKNOWN, WARNING
 _T = TypeVar("_T")
 _Finding = Mapping[str, Any]  # as the document has it
 
-SIGNS = {OK: "\u2713", FAILED: "\u2716", WARNING: "\u25b2", UNKNOWN: "?"}  # never by colour alone
+SIGNS = {OK: "\u2713", FAILED: "\u2716", WARNING: "\u25b2", UNKNOWN: "?"}  # never only by colour
 WIDTH = 1160  # of the picture; a single robot may need more
 COLUMNS = 2  # computers of a robot side by side
 BOX, GAP, BAR, EDGE = 46, 14, 10, 12  # heights and distances
@@ -75,7 +75,7 @@ class RobotMark(NamedTuple):
 def draw_fleet(
     fleet: FleetPlan, findings: Iterable[_Finding] = (), unseen: Mapping[str, Sequence[str]] | None = None
 ) -> str:
-    """Draw the fleet, with a mark at the place of each finding, and of each other part that may be the cause.
+    """Draw the fleet, with a mark at the place of each finding, and of each other component that may be the cause.
 
     `unseen` has the robots that a robot is to discover and does not.
     """
@@ -153,7 +153,7 @@ class _Picture:
         self.elements: list[str] = []
 
     def svg(self) -> str:
-        """Draw all: frames lie behind wires, and wires behind boxes."""
+        """Draw all: frames are behind wires, and wires behind boxes."""
         y = self._router(EDGE)
         rows, top = _split_rows(self.robots, self.each), y + BAR // 2
         for number, robots in enumerate(rows):

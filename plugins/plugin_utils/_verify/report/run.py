@@ -43,7 +43,7 @@ class Run:
     machines: Mapping[str, Mapping[str, str]]
     about: Mapping[str, str]
     logs: Mapping[str, str] = field(default_factory=dict)
-    inventory: InventorySource = UNKNOWN  # of the person who runs it, for what is to be done; no bundle has it
+    inventory: InventorySource = UNKNOWN  # of the person who runs it, for the advice; no bundle has it
 
 
 def gather_run(

@@ -45,7 +45,7 @@ class Summary:
 
 
 def is_small(computers: Sequence[str]) -> bool:
-    """Tell if the matrix of so few computers is printed."""
+    """Return True if the matrix of so few computers is printed."""
     return len(computers) <= MATRIX
 
 

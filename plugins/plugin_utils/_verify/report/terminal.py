@@ -23,7 +23,7 @@ from .summary import Summary, is_small
 from .traffic import HEADINGS, describe_measurement, list_dearest
 
 WIDTH = 120
-CELL = 8  # columns of a cell of the matrix, where there is room
+CELL = 8  # columns of a cell of the matrix, if there is room
 SENTENCES = 20  # findings that are printed; all are in the file
 REMARKS = 10  # that are printed; all are in the file
 PAIRS = 4  # pairs, names or checks that are named in a finding
@@ -39,7 +39,7 @@ def render(
     nodes: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
 ) -> str:
-    """Return the report, of this width where names allow it. Without `everything` it has no table and no matrix."""
+    """Return the report, of this width if names allow it. Without `everything` it has no table and no matrix."""
     components = [_title(summary), _table(summary)] if everything else [_title(summary)]
     if everything and len(summary.computers) > 1 and is_small(summary.computers):
         components.append(_matrix(summary))
@@ -51,7 +51,7 @@ def render(
             [entry for entry in diagnosis.findings if entry.verdict == verdict], heading, numbers, width
         )
     components += (
-        [f"What an id such as {diagnosis.findings[0].component.fault.id} means:\n  {PAGES}"]
+        [f"The meaning of ids such as {diagnosis.findings[0].component.fault.id}:\n  {PAGES}"]
         if diagnosis.findings
         else []
     )
@@ -166,7 +166,7 @@ def _name_unexamined(entry: Finding) -> str:
 
 
 def _describe_rows(rows: Sequence[Row]) -> str:
-    """Return the first check of these rows with its pairs, and what the first one has found."""
+    """Return the first check of these rows with its pairs, and the found value of the first one."""
     first = rows[0]
     pairs = dict.fromkeys(_pair(row) for row in rows if row.check == first.check)
     return f"{TITLES[first.check]}: {shorten_list(pairs, PAIRS)}: expected {first.expected}, found {first.found}"
@@ -191,7 +191,7 @@ def _format_unexplained(rows: Sequence[Row], width: int) -> list[str]:
 
 
 def _format_remarks(remarks: Sequence[str], width: int) -> list[str]:
-    """Return what preflight warns of, which nothing here has failed of."""
+    """Return the warnings of preflight, of which nothing here has failed."""
     if not remarks:
         return []
     lines = ["Remarks on the computers, which fail nothing:"]
@@ -221,11 +221,11 @@ def _format_nodes(nodes: Mapping[str, Any], width: int) -> list[str]:
 
 
 def _format_traffic(traffic: Mapping[str, Any], width: int) -> list[str]:
-    """Return the table of the topics that cost most between robots; nothing where nothing does."""
+    """Return the table of the topics that cost most between robots; nothing if nothing does."""
     rows = list_dearest(traffic)
     if not rows:
         return []
-    room = (width - 2 - 4 * 2 - 10 - 10) // 3  # columns of a cell with names: beside it are gaps and two numbers
+    room = (width - 2 - 4 * 2 - 10 - 10) // 3  # columns of a cell with names: next to it are gaps and two numbers
     table = [HEADINGS, *([*(plain(cell, room) for cell in row[:3]), *row[3:]] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     lines = ["What costs most between robots:", _wrap("  ", f"{describe_measurement(traffic)}.", width)]

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The packet trace of a run: the places where packets were seen to end, and the component that each leaves. Pure."""
+"""The packet trace of a run: the places where packets end, and the component that each leaves. Pure."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ class DrawnWay:
     computers: tuple[str, ...]  # the planned ones, from the sender of the probe to its target
     hops: tuple[SeenHop, ...]
     at: str  # the computer that saw them last, or reports that they end
-    words: str  # what was seen at the end
+    words: str  # the observation at the end
 
 
 @dataclass(frozen=True)
 class SeenEnd:
-    """A place where packets were seen to end."""
+    """A place where packets end, by the packet trace."""
 
     place: LossPlace
-    words: str  # what was seen there
+    words: str  # the observation there
     sign: Component | None  # the one component of the table that this shows
 
     @property
@@ -67,13 +67,13 @@ class SeenEnd:
         return {*self.place.places, *(self.sign.places if self.sign else ())} <= set(computers)
 
     def choose(self, suspects: Iterable[Component]) -> frozenset[Component]:
-        """Return the suspects that the place leaves; the place itself where it leaves none."""
+        """Return the suspects that the place leaves; the place itself if it leaves none."""
         left = () if self.sign else (component for component in suspects if is_consistent(component, self.place))
         return frozenset(left) or frozenset({self.component})
 
 
 def find_ends(verification: Verification) -> list[SeenEnd]:
-    """Find the places where the followed packets of a run end; nothing where none was followed."""
+    """Find the places where the followed packets of a run end; nothing if none were followed."""
     looks = {name: one.seen.packet_trace for name, one in verification.run.items() if one.seen.packet_trace}
     probes = [probe for look in looks.values() for probe in look.probes]
     links = {probe.number: verification.ways.list_links(probe.sender, probe.target) for probe in probes}
@@ -97,7 +97,7 @@ def _list_holders(pairs: Iterable[tuple[str, str]]) -> dict[str, frozenset[str]]
 
 
 def name_addresses(verification: Verification) -> Callable[[str], str]:
-    """Name the computer with an address: the planned one, or the only one that was read to have it, beside its planned ones."""
+    """Name the computer with an address: the planned one, or the only one that was read to have it, in addition to its planned ones."""
     read = _list_holders(
         (address, name)
         for name, one in verification.run.items()

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The place where followed packets end: what all computers captured in, one place for each probe out. Pure.
+"""The place where followed packets end: all that the computers captured in, one place for each probe out. Pure.
 
 A packet is walked from its sender, hop by hop: it left by an interface for a hardware address; the computer with this address saw it
 come in, and left it go out. An answer is walked in the same way back. The first step that nobody saw is the place.
@@ -40,13 +40,13 @@ class Trip(NamedTuple):
 
 
 class TraceStage(enum.Enum):
-    """The last step of packets that was seen; the values are for people: what was seen last, and what was not seen."""
+    """The last step of packets that was seen; the values are for people: the last step that was seen, and the first that was not."""
 
     SOURCE = "do not leave {at}"
     ASKED = "do not leave {at}: it asks who has {asked}, and no computer answers"
     WIRE = "left {at}{interface} for {next}{mac}, and did not come in there"
     STRANGER = "left {at}{interface} for{mac}, which no computer of the fleet has{expected}"
-    SELF = "left {at}{interface} for its own hardware address{mac}, as where ARP is switched off there"
+    SELF = "left {at}{interface} for its own hardware address{mac}, as if ARP is switched off there"
     HOP = "came in at {at}{interface}, and did not leave it"
     TARGET = "came in at {at}{interface}, which sent no answer"
     WITHHELD = "came in at {at}{interface}, and no program there got them"
@@ -61,17 +61,17 @@ class TraceStage(enum.Enum):
 
 @dataclass(frozen=True)
 class SeenHop:
-    """A step of packets that was seen: out of a computer and, where the next one saw them too, into that."""
+    """A step of packets that was seen: out of a computer and, if the next one saw them too, into that."""
 
     sender: str
-    receiver: str  # empty where no computer of the fleet has the hardware address
-    network: str  # the planned one between the two; empty where none is planned
+    receiver: str  # empty if no computer of the fleet has the hardware address
+    network: str  # the planned one between the two; empty if none is planned
     left: str  # the interface of the sender
     target_mac: str
     ttl: int
     answer: bool  # it is a step of the answer
     arrived: bool  # the receiver saw them come in
-    came: str = ""  # the interface of the receiver; empty where they were not seen there
+    came: str = ""  # the interface of the receiver; empty if they were not seen there
 
 
 @dataclass(frozen=True)
@@ -81,13 +81,13 @@ class LossPlace:
     probe: TracedProbe
     stage: TraceStage
     at: str = ""  # the computer that saw them last; of a report, the one that reports
-    next: str = ""  # the computer that was to see them; empty where none is known
+    next: str = ""  # the computer that was to see them; empty if none is known
     answer: bool = False  # the answer ends there
     last: CapturedPacket | None = None  # seen last
     times: int = 0  # that it was seen there
     sent: SentProbe | None = None
     asked: str = ""  # the address that was asked for in vain
-    first_ttl: int = 0  # with which the sender has sent them; 0 where it was not seen
+    first_ttl: int = 0  # with which the sender has sent them; 0 if it was not seen
     route: tuple[str, ...] = ()  # the planned computers, from the sender of the probe to its target
     hops: tuple[
         SeenHop, ...
@@ -95,7 +95,7 @@ class LossPlace:
 
     @property
     def is_fault(self) -> bool:
-        """True where packets were seen to end."""
+        """True if packets end there."""
         return self.stage not in (TraceStage.ARRIVED, TraceStage.UNSEEN)
 
     @property
@@ -105,7 +105,7 @@ class LossPlace:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The computers concerned. What ends inside a computer ends there for all the next ones."""
+        """The computers concerned. Packets that end inside a computer end there for all the next ones."""
         return tuple(name for name in (self.at, self.next if self.stage != TraceStage.HOP else "") if name)
 
 
@@ -115,7 +115,7 @@ class Map:
 
     hosts: Mapping[str, frozenset[str]]  # hardware address -> computers: containers of one machine may share one
     name_at: Callable[[str], str]  # IPv4 address -> computer, empty for one of no computer
-    listening: frozenset[str]  # and have missed no packet, so what they did not see was not there
+    listening: frozenset[str]  # and have missed no packet, so packets that they did not see were not there
     networks: Mapping[tuple[str, str], str] = field(default_factory=dict)  # (computer, the next one) -> planned network
 
 
@@ -147,7 +147,7 @@ class _Walk:
             return False
         if (
             one.kind == ERROR and one.destination != self.probe.address
-        ):  # it quotes an answer, or somebody has made it up
+        ):  # it quotes an answer, or a person has made it up
             return False
         if one.protocol == "tcp":
             return one.sequence in connections
@@ -165,7 +165,7 @@ class _Walk:
         if report and self._tells_closed_port(report):
             return there
         place = self._find_answer(there, route)
-        # What was answered did arrive, also where nobody saw it: a NAT may change the identifiers of pings.
+        # A packet with an answer did arrive, even if no computer captured it: a NAT may change the identifiers of pings.
         if self._is_answered() and there.stage != TraceStage.STRANGER:
             return replace(place, stage=TraceStage.ARRIVED)
         if report and not (place.answer and place.stage in (TraceStage.ARRIVED, TraceStage.WITHHELD)):
@@ -180,11 +180,11 @@ class _Walk:
         return [one for one in self.own.get(self.probe.sender, ()) if one.kind == ERROR]
 
     def _tells_closed_port(self, report: CapturedPacket) -> bool:
-        """Return True if a report is that of datagrams which have arrived, where no program takes them."""
+        """Return True if a report is that of datagrams which have arrived, and no program takes them."""
         return self.probe.protocol == "udp" and (report.icmp_type, report.icmp_code) == CLOSED_PORT
 
     def _is_denied(self, report: CapturedPacket) -> bool:
-        """Return True if the computer that is to have reported listened, has sent no such report, and has passed on what came, or got nothing."""
+        """Return True if the computer that is to have reported listened, has sent no such report, and has passed on incoming packets, or got none."""
         at = self.chart.name_at(report.reporter)
         if at == self.probe.sender or at not in self.chart.listening:
             return False
@@ -199,8 +199,8 @@ class _Walk:
         return self.sent is not None and Outcome.ANSWERED in (self.sent.outcome, self.sent.data)
 
     def _find_change(self, place: LossPlace) -> LossPlace:
-        """Return the place where an address was changed, if packets end by that: at a computer that others have made their target, or
-        with an answer of another address than was asked; nowhere if nobody saw it change. What else ends is left as it is.
+        """Return the place where an address was changed, if packets end by that: at a computer that a foreign rule has made their target, or
+        with an answer of another address than was asked; nowhere if nobody saw it change. Other ends are left as they are.
         """
         last = place.last
         changes: list[tuple[str, CapturedPacket]] | None = None
@@ -214,14 +214,14 @@ class _Walk:
         return replace(place, stage=TraceStage.CHANGED if left else TraceStage.UNSEEN, at=at, next="", last=left)
 
     def _list_target_changes(self, last: CapturedPacket, at: str) -> list[tuple[str, CapturedPacket]] | None:
-        """List what left for another address than was asked; None where the last packet did not come in for one of its computer."""
+        """List the packets that left for another address than was asked; None if the last packet did not come in for one of its computer."""
         asked = self.probe.address
         if last.destination == asked or self.chart.name_at(last.destination) != at:
             return None
         return [step for step in self.steps if step[1].destination != asked]
 
     def _list_source_changes(self, last: CapturedPacket) -> list[tuple[str, CapturedPacket]] | None:
-        """List the answers that left from another address than got the question; None where the last one is of the one that was asked."""
+        """List the answers that left from another address than got the question; None if the last one is of the one that was asked."""
         asked = self.probe.address
         if last.source == asked:
             return None
@@ -229,7 +229,7 @@ class _Walk:
         return [step for step in self.steps if step[1].kind == ANSWER and step[1].source not in own]
 
     def _find_answer(self, there: LossPlace, route: Sequence[str]) -> LossPlace:
-        """Find the place of the answer to what has arrived. A datagram gets no answer."""
+        """Find the place of the answer to a packet that has arrived. A datagram gets no answer."""
         if there.stage != TraceStage.ARRIVED or self.probe.protocol == "udp":
             return there
         if not self._list(self.probe.target, ANSWER, outgoing=True):
@@ -244,7 +244,7 @@ class _Walk:
         return back
 
     def _unless_blind(self, at: str, stage: TraceStage) -> TraceStage:
-        """A computer that did not listen, or has missed packets, shows nothing by what it did not see."""
+        """A computer that did not listen, or has missed packets, shows nothing by packets that it did not see."""
         return stage if at in self.chart.listening else TraceStage.UNSEEN
 
     def _start(self) -> TraceStage:
@@ -326,7 +326,7 @@ class _Walk:
         return [one for one in left if one.interface == left[0].interface]
 
     def _came_back(self, to: str, first: str, kind: str) -> bool:
-        """Return True if packets came in once more where they have passed: at the first computer, or with less of their life."""
+        """Return True if packets came in once more at a place that they have passed: at the first computer, or with less of their life."""
         return to == first or len({one.ttl for one in self._list(to, kind, outgoing=False)}) > 1
 
     def _make_hop(self, at: str, to: str, left: CapturedPacket, came: Sequence[CapturedPacket]) -> SeenHop:
@@ -345,7 +345,7 @@ class _Walk:
     def _find_receiver(self, left: CapturedPacket, planned: str, rest: Iterable[str], kind: str) -> str:
         """Name the computer for which a packet left; a group and an interface without hardware addresses name none.
 
-        A hardware address that nobody told may be that of the planned one all the same: a bridge translates it, and the packet came
+        A hardware address that no answer showed may be that of the planned one all the same: a bridge translates it, and the packet came
         in for an own one, or the computer was not asked. It may be that of a router of no fleet, too: then it came in at one of the rest.
         """
         holders = self.chart.hosts.get(left.target_mac, frozenset())
@@ -354,7 +354,7 @@ class _Walk:
         members = dict.fromkeys((planned, *rest))
         came = [name for name in dict.fromkeys((*sorted(holders), *members)) if self._has_own(name, kind)]
         on_way = members.keys() & set(came)
-        # Anybody may tell an address of a stranger, and that packets came in: the ones that got them later say that it is not so.
+        # Any program may claim an address of a stranger, and that packets came in: the ones that got them later say that it is not so.
         got = [name for name in came if name in on_way or not on_way or self._passes_on(name, kind, on_way)]
         if got or holders:
             return next(iter([*got, *sorted(holders)]))
@@ -365,14 +365,14 @@ class _Walk:
         return any(name in self.chart.hosts.get(one.target_mac, ()) for one in self._list(name, kind, outgoing=False))
 
     def _passes_on(self, name: str, kind: str, others: Collection[str]) -> bool:
-        """Return True if packets left a computer for one of others."""
+        """Return True if packets left a computer for a foreign one."""
         holders = [self.chart.hosts.get(one.target_mac, frozenset()) for one in self._list_left(name, kind)[-1:]]
         return any(name not in names and names & set(others) for names in holders)
 
     def _find_question(self, host: str, route: Sequence[str]) -> str:
         """Return the address for which a computer asked in vain, of those on the way: programs ask for others, too."""
         asks = self.asks.get(host, ())
-        # The kernel takes an answer only where it comes in at the interface that has asked: the uppermost of those that show it.
+        # The kernel takes an answer only if it comes in at the interface that has asked: the uppermost of those that show it.
         answered = {(one.source, one.interface) for one in asks if not one.outgoing}
         asked: dict[str, str] = {}
         for one in asks:
@@ -397,7 +397,7 @@ def locate(looks: Mapping[str, TraceObservation], chart: Map, routes: Mapping[in
 
 
 def _is_hidden(place: LossPlace, changers: Container[str]) -> bool:
-    """Return True if pings may have left a computer unseen: one that changes the ports of others may change the identifiers of pings."""
+    """Return True if pings may have left a computer unseen: one that changes the ports of its neighbours may change the identifiers of pings."""
     return (place.stage, place.probe.protocol) == (TraceStage.HOP, "icmp") and place.at in changers
 
 
@@ -407,7 +407,7 @@ PROBES = {"icmp": "pings", "tcp": "connections to port {port}", "udp": "datagram
 
 
 def describe_probe(probe: TracedProbe) -> str:
-    """Name what was sent, for a sentence."""
+    """Name the packets, for a sentence."""
     if probe.traffic == GROUP:
         return f"datagrams of {probe.sender} to the group"
     size = f" of {probe.size} bytes" if probe.size else ""
@@ -415,7 +415,7 @@ def describe_probe(probe: TracedProbe) -> str:
 
 
 def describe_place(place: LossPlace, chart: Map) -> str:
-    """Say what was seen last, and what was not seen, of a place that is a fault."""
+    """Return the last step that was seen, and the first that was not, of a place that is a fault."""
     last, answers = place.last, "the answers to " if place.answer and place.stage != TraceStage.MUTE else ""
     own = sorted(mac for mac, names in chart.hosts.items() if place.next in names)
     words = {
@@ -434,6 +434,6 @@ def describe_place(place: LossPlace, chart: Map) -> str:
 
 
 def describe_counters(counters: Iterable[Counter]) -> str:
-    """Say which counters of a computer have grown meanwhile; empty where none has."""
+    """Name the counters of a computer that have grown meanwhile; empty if none has."""
     found = shorten_list([f"{one.counter} +{one.more}" for one in counters], NAMED)
     return f"meanwhile its kernel counted {found}" if found else ""

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The choice of what is followed: one probe for each way on which something failed that no value shows.
+"""The choice of the probes to trace: one probe for each way on which something failed that no value shows.
 
 Pure: the failed rows in, probes and listeners out.
 """
@@ -19,12 +19,12 @@ from .place import LARGE, Trip
 
 MTU = 1500
 MOST = 12  # probes of one run
-# The check of large packets has no word of packet_filters.TRAFFIC, since no rule tells packets by their size.
+# The check of large packets has no word of packet_filters.TRAFFIC, since no rule selects packets by their size.
 KINDS: Mapping[str, str] = {"ping_large": LARGE}
 
 
 def find_trip(verification: Verification, row: Row) -> Trip | None:
-    """Return what a failed check has sent itself; None for a check that sends nothing of its own."""
+    """Return the packets that a failed check has sent itself; None for a check that sends nothing of its own."""
     traffic = verification.checks[row.check].carries or KINDS.get(row.check, "")
     if not traffic or row.verdict not in (FAILED, WARNING):
         return None
@@ -35,7 +35,7 @@ def find_trip(verification: Verification, row: Row) -> Trip | None:
 
 
 def list_trips(verification: Verification, row: Row) -> list[Trip]:
-    """List what a failed check has sent in vain, as far as it can be followed: its own packets, then its questions to nodes."""
+    """List the failed packets of a check, as far as they can be traced: its own packets, then its questions to nodes."""
     if row.verdict not in (FAILED, WARNING):
         return []
     own, master = find_trip(verification, row), verification.ways.master_of(row.observer)
@@ -53,7 +53,7 @@ def _can_follow(verification: Verification, trip: Trip) -> bool:
 
 
 def choose_probes(verification: Verification, groups: Iterable[Sequence[Row]]) -> list[TracedProbe]:
-    """Choose probes for rows that failed. Each group has what one finding explains, and all groups are served in turn."""
+    """Choose probes for rows that failed. Each group has the rows that one finding explains, and all groups are served in turn."""
     ways = [_list_ways(verification, group) for group in groups]
     turns = (trip for turn in zip_longest(*ways) for trip in turn if trip)
     chosen = list(dict.fromkeys(turns))[:MOST]

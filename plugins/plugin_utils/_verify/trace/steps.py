@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A packet trace as data: the computers on the way, and what the packets did at each of them. Pure."""
+"""A packet trace as data: the computers on the way, and the steps of the packets at each of them. Pure."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TraceHop:
 class PacketTrace:
     """The way of followed packets to their end."""
 
-    packets: str  # what was sent
+    packets: str  # the kind of the packets
     disposition: str  # how it ended: a name of Stage
     answer: bool  # the answer ended there
     hops: tuple[TraceHop, ...]
@@ -54,7 +54,7 @@ def make_trace(end: SeenEnd) -> PacketTrace:
 
 
 def _list_steps(hop: SeenHop) -> list[tuple[str, TraceStep]]:
-    """List the steps of a hop, each with its computer: out of one, and into the next one where it was seen there."""
+    """List the steps of a hop, each with its computer: out of one, and into the next one if it was seen there."""
     words = "answer, " if hop.answer else ""
     by = f"{words}by {hop.left}, TTL {hop.ttl}" + (f", for {hop.target_mac}" if hop.target_mac else "")
     steps = [(hop.sender, TraceStep(LEFT, by))]

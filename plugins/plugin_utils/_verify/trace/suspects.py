@@ -4,7 +4,7 @@
 """From the place where packets end to the components that may be broken there. Pure.
 
 A packet that was seen to leave a computer has passed its packet filter, and one that did not come in has not met the next one's. So a
-stage leaves few kinds of components; an errno, an ICMP error or a counter may leave one. Where none of the components that a check
+stage leaves few kinds of components; an errno, an ICMP error or a counter may leave one. If none of the components that a check
 suspects is left, the place itself is the component.
 """
 
@@ -82,7 +82,7 @@ BETWEEN_TWO = (TraceStage.WIRE, TraceStage.ASKED, TraceStage.CUT, TraceStage.MUT
 RULE = "rule of "  # begins the name of a rule among the counters
 OWN_CHAIN = re.compile(r"rule of \S+ [^ :]*(?:input|output)[^ :]*:", re.IGNORECASE)
 EXCEEDED = 11  # the type of ICMP for a time to live that is used up (RFC 792)
-SHORT = 32  # a packet that begins with less has a time to live that somebody has set
+SHORT = 32  # a packet that begins with less has a time to live that a person or a program has set
 
 
 def is_consistent(component: Component, place: LossPlace) -> bool:
@@ -108,14 +108,14 @@ def _fits(component: Component, kind: str, modes: tuple[str, ...]) -> bool:
 
 
 def name_place(place: LossPlace, words: str) -> Component:
-    """Make the component that is the place itself, with what was seen there in words."""
+    """Make the component that is the place itself, with the observation there in words."""
     other = place.probe.sender if place.stage == TraceStage.MUTE else place.next
-    if place.stage in BETWEEN_TWO and other:  # one of the two alone says what others do not see
+    if place.stage in BETWEEN_TWO and other:  # only one of the two shows packets that others do not see
         return Component.from_pair("way", "between", place.at, other, what=words)
     return Component("way", place.at, "ends", words)
 
 
-# What an errno, an ICMP error or a counter says beside the place
+# The meaning of an errno, an ICMP error or a counter, with the place
 
 
 class Sign(NamedTuple):
@@ -148,7 +148,7 @@ def _ends_life(place: LossPlace, _packets: SeenPackets) -> bool:
 
 
 def _list_counted(place: LossPlace, packets: SeenPackets) -> list[str]:
-    """List the counters that have grown by all packets of the probe; one that has counted some counts those of others."""
+    """List the counters that have grown by all packets of the probe; one that has counted some counts foreign ones."""
     return [one.counter for one in packets.counters if one.more >= max(1, place.times)]
 
 
@@ -207,7 +207,7 @@ SIGNS = (
 
 
 def find_sign(place: LossPlace, packets: SeenPackets) -> Component | None:
-    """Return the one component of the table that is shown by a place, and by what its computer tells; None where several are left."""
+    """Return the one component of the table that is shown by a place, and by the values of its computer; None if several are left."""
     return next(
         (sign.make(place) for sign in SIGNS if place.stage in sign.stages and sign.is_shown(place, packets)), None
     )

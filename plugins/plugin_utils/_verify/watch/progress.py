@@ -33,7 +33,7 @@ RANKS = {kind: rank for rank, (_watched, kind) in enumerate(LOSSES)}  # nearest 
 
 
 class UnreadableDuration(ValueError):
-    """A text that is not a duration. The message says what was expected."""
+    """A text that is not a duration. The message names the expected form."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def list_events(answers: Mapping[str, WatchAnswer], known: Mapping[str, int] | N
 
 
 def describe_progress(answers: Mapping[str, WatchAnswer], seconds: int, known: Mapping[str, int]) -> str:
-    """Say how far the watch is, and what is new. `known` has the number of events that were shown before, by computer."""
+    """Describe how far the watch is, and the new losses. `known` has the number of events that were shown before, by computer."""
     lost = sum(len(answer.lost) for answer in answers.values())
     values = sum(answer.watched for answer in answers.values())
     state = f"{lost} lost now" if lost else "nothing is lost"
@@ -106,7 +106,7 @@ def describe_progress(answers: Mapping[str, WatchAnswer], seconds: int, known: M
 
 
 def describe_event(observer: str, event: Event) -> str:
-    """Say when an event was, and what it was."""
+    """Describe an event with its time."""
     sentence = _fill(observer, event)
     when = f"{_time(event.time)} ({format_duration(event.after)} after the start)"
     return f"{when}: it is over that {sentence}" if event.well else f"{when}: {sentence}"
@@ -124,7 +124,7 @@ def find_loss(kind: str) -> Fault:
 
 @dataclass(frozen=True)
 class FirstLoss:
-    """The first loss of a watch: its sentence, its row in the table of faults, and the computer of what is to be done."""
+    """The first loss of a watch: its sentence, its row in the table of faults, and the computer where something is to be done."""
 
     sentence: str
     fault: Fault
@@ -138,13 +138,13 @@ class FirstLoss:
 
 
 def describe_first_loss(events: Sequence[tuple[str, Event]]) -> str:
-    """Say when and where the first loss was; empty where nothing was lost."""
+    """Return the moment and the place of the first loss; empty if nothing was lost."""
     first = find_first_loss(events)
     return first.sentence if first else ""
 
 
 def find_first_loss(events: Sequence[tuple[str, Event]]) -> FirstLoss | None:
-    """Find the first loss; None where nothing was lost.
+    """Find the first loss; None if nothing was lost.
 
     Several values may be lost together. The one nearest to the reason is named: a link before the heartbeats that come by it.
     """
@@ -166,7 +166,7 @@ def find_first_loss(events: Sequence[tuple[str, Event]]) -> FirstLoss | None:
 
 
 def _place(observer: str, event: Event, together: Sequence[tuple[str, Event]]) -> str:
-    """Say what is lost. For heartbeats, name the one computer that all losses have in common."""
+    """Describe the loss. For heartbeats, name the one computer that all losses have in common."""
     same = [entry for entry in together if entry[1].kind == event.kind]
     others = len(together) - 1
     masters, observers = {event.name for _observer, event in same}, {name for name, _event in same}
@@ -188,5 +188,5 @@ def format_duration(seconds: float) -> str:
 def _time(wall: float) -> str:
     try:
         return time.strftime("%H:%M:%S", time.localtime(wall))
-    except (OverflowError, ValueError, OSError):  # what a robot tells may be no time of a clock
+    except (OverflowError, ValueError, OSError):  # a robot's answer may be no time of a clock
         return "a time that no clock has"

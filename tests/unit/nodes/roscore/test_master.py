@@ -32,7 +32,7 @@ class Told:
     def __init__(self):
         self.calls = []
 
-    def tell(self, uri, method, name, arguments):
+    def notify(self, uri, method, name, arguments):
         self.calls.append((uri, method, name, *arguments[1:]))
 
     def since(self):
@@ -237,7 +237,7 @@ def test_a_later_life_has_all_and_tells_everybody(roscore):
     roscore.import_of("/camera", FAR)
     second = later(roscore)
     assert second.without_order() == roscore.without_order() and second.handed == []
-    second.master.tell_all()
+    second.master.notify_all()
     assert set(map(str, second.told.since())) == {
         str((B, "publisherUpdate", "/chatter", [A])),
         str((B, "paramUpdate", "/speed/most/", 3)),
@@ -547,7 +547,7 @@ def test_one_multicall_does_not_end_the_node_of_another_robot(roscore, monkeypat
 
 
 def may_end(roscore, uri, method, name):
-    return roscore.master._may_tell(module.NodeCall(uri, method, (name,), (method, name)))
+    return roscore.master._may_notify(module.NodeCall(uri, method, (name,), (method, name)))
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_an_idle_worker_wakes_at_once(node):
         if number:
             until(lambda: notifier._idle)  # it may have yet to read the answer of the last one
         began = time.monotonic()
-        notifier.tell(node.uri, "publisherUpdate", f"/topic_{number}", (f"/topic_{number}", ["x"]))
+        notifier.notify(node.uri, "publisherUpdate", f"/topic_{number}", (f"/topic_{number}", ["x"]))
         node.wait(number + 1)
         delays.append(times[-1] - began)  # without what the call itself takes
         time.sleep(0.01)
@@ -66,7 +66,7 @@ def test_an_idle_worker_wakes_at_once(node):
 def test_a_burst_is_told_in_few_calls_and_ends_with_what_is_true(node):
     notifier = module.Notifier()
     for number in range(10000):
-        notifier.tell(node.uri, "publisherUpdate", "/chatter", ("/chatter", number))
+        notifier.notify(node.uri, "publisherUpdate", "/chatter", ("/chatter", number))
     until(lambda: node.told and node.told[-1][3] == 9999)
     assert len(node.told) <= 7
 
@@ -74,9 +74,9 @@ def test_a_burst_is_told_in_few_calls_and_ends_with_what_is_true(node):
 def test_nodes_that_say_nothing_keep_no_other_waiting(node, deaf):
     notifier = module.Notifier()
     for uri in deaf:
-        notifier.tell(uri, "publisherUpdate", "/chatter", ("/chatter", []))
+        notifier.notify(uri, "publisherUpdate", "/chatter", ("/chatter", []))
     began = time.monotonic()
-    notifier.tell(node.uri, "publisherUpdate", "/chatter", ("/chatter", []))
+    notifier.notify(node.uri, "publisherUpdate", "/chatter", ("/chatter", []))
     node.wait(1)
     assert node.told[0][0] - began < 1.0
 
@@ -85,7 +85,7 @@ def test_workers_are_bounded_and_go(node, monkeypatch):
     monkeypatch.setattr(module, "IDLE", 0.2)
     notifier = module.Notifier()
     for number in range(300):
-        notifier.tell(node.uri, "publisherUpdate", f"/topic_{number}", (f"/topic_{number}", []))
+        notifier.notify(node.uri, "publisherUpdate", f"/topic_{number}", (f"/topic_{number}", []))
         assert notifier._workers <= WORKERS
     node.wait(300, 60)
     until(lambda: notifier._workers == 0)
@@ -93,9 +93,9 @@ def test_workers_are_bounded_and_go(node, monkeypatch):
 
 def test_nobody_there_is_not_tried_again(node):
     notifier = module.Notifier()
-    notifier.tell("http://127.0.0.1:1/", "publisherUpdate", "/chatter", ("/chatter", []))
-    notifier.tell("no address", "publisherUpdate", "/chatter", ("/chatter", []))
-    notifier.tell(node.uri, "publisherUpdate", "/chatter", ("/chatter", []))
+    notifier.notify("http://127.0.0.1:1/", "publisherUpdate", "/chatter", ("/chatter", []))
+    notifier.notify("no address", "publisherUpdate", "/chatter", ("/chatter", []))
+    notifier.notify(node.uri, "publisherUpdate", "/chatter", ("/chatter", []))
     node.wait(1)
     until = time.monotonic() + 10
     while "http://127.0.0.1:1/" in notifier._plan._nodes and time.monotonic() < until:

@@ -22,7 +22,7 @@ FETCH = SimpleNamespace(uri="http://b:11311/", monitor_uri="http://b:11611")
         (OSError("it does not answer"), '11611: "it does not answer"'),
         (
             DocumentTooLarge("it has more than 16777216 bytes"),
-            '11611: "it has more than 16777216 bytes"; nothing new of it is taken, what was registered stays: leave out there what '
+            '11611: "it has more than 16777216 bytes"; nothing new of it is taken, its registrations stay: leave out there the topics that '
             "nobody needs, by multimaster_exports",
         ),
     ],

@@ -97,7 +97,7 @@ def test_an_end_half_way_leaves_nothing(tmp_path, monkeypatch, error):
         ({"unreachable": True, "msg": "Failed to connect\x1b[2J."}, "it cannot be reached (Failed to connect\\x1b[2J)"),
         ({"failed": True, "msg": "Missing sudo password"}, "it could not be read (Missing sudo password)"),
         ({}, "it could not be read (it was not looked at)"),
-        ({**INFOS["ana-pc"], "masters": 1}, "what it answered cannot be understood"),
+        ({**INFOS["ana-pc"], "masters": 1}, "its answer cannot be understood"),
     ],
 )
 def test_a_machine_that_was_not_read_is_named_and_left_out(tmp_path, info, why):

@@ -6,7 +6,7 @@
 A back end is a file in this folder with a class BackEnd(contract.BackEnd), and a row in table.py. Its rules are lines of
 text in the words of the program. They are those of this collection only: foreign rules are neither read nor touched.
 For one run the module asks the class for is_active(): does the program filter the packets of this computer now? Then it
-makes a back end with the filter that it shall have, None where no rules are wanted. That asks itself for its rules:
+makes a back end with the filter that it shall have, None if no rules are wanted. That asks itself for its rules:
 
     plan_rules(filter)    only with a filter: which rules of ours shall it have? They are in `after`.
     read_rules()          which ones does it have? They are in `before`.
@@ -24,7 +24,7 @@ The module calls, in this order:
 With the dead-man's switch, a run before that calls, after refusal():
 
     undo_steps()          how does the machine bring the run time back by itself?
-    try_out()             change the run time alone
+    try_out()             change only the run time
     restore()             if that fails
 """
 
@@ -61,22 +61,22 @@ class BackEnd:
 
     @property
     def changes(self) -> bool:
-        """True where the rules change at run time."""
+        """True if the rules change at run time."""
         return self.before != self.after
 
     # For every back end to write
 
     @staticmethod
     def is_active() -> bool:
-        """True where this program filters the packets of this computer now."""
+        """True if this program filters the packets of this computer now."""
         raise NotImplementedError
 
     def read_rules(self) -> Rules:
-        """Our rules at run time, an empty list where the program is not installed. Raises Problem."""
+        """Our rules at run time, an empty list if the program is not installed. Raises Problem."""
         raise NotImplementedError
 
     def plan_rules(self, packet_filter: PacketFilter) -> Rules:
-        """The wanted rules in the words of `read_rules`. Raises Problem where this computer cannot have them."""
+        """The wanted rules in the words of `read_rules`. Raises Problem if this computer cannot have them."""
         raise NotImplementedError
 
     def load(self) -> None:
@@ -84,7 +84,7 @@ class BackEnd:
         raise NotImplementedError
 
     def try_out(self) -> None:
-        """Make the run time alone as planned. Raises Problem or OSError; then the caller restores."""
+        """Make only the run time as planned. Raises Problem or OSError; then the caller restores."""
         raise NotImplementedError
 
     def restore(self) -> None:
@@ -95,22 +95,22 @@ class BackEnd:
         """The steps with which the dead-man's switch brings it back. Raises OSError."""
         raise NotImplementedError
 
-    # For a back end to override where its program needs it
+    # For a back end to override if its program needs it
 
     def plan_files(self, packet_filter: PacketFilter) -> typing.List[File]:
         """The files of ours that the program reads at boot."""
         return []
 
     def is_ready_for_boot(self) -> bool:
-        """True where the next boot finds all that it needs beside rules and files, for example a unit that is enabled."""
+        """True if the next boot finds all that it needs besides rules and files, for example a unit that is enabled."""
         return True
 
     def refusal(self) -> str:
-        """The sentence why the rules cannot be changed now, empty where they can. Raises Problem."""
+        """The sentence why the rules cannot be changed now, empty if they can. Raises Problem."""
         return ""
 
     def prepare(self) -> None:
-        """Do what comes before the files change. Raises Problem."""
+        """Do the work before the files change. Raises Problem."""
 
 
 def read_files(paths: typing.Iterable[str]) -> typing.List[FileBefore]:
@@ -148,11 +148,11 @@ def run_or_fail(argv: typing.Sequence[str]) -> str:
     if answer.status != 0:
         message = quote((answer.error + " " + output).strip(), LINE) or f"status {answer.status}"
         raise Problem(
-            f"{quote(' '.join(argv))} failed ({message}), expected it to change the packet filter: see what it says."
+            f"{quote(' '.join(argv))} failed ({message}), expected it to change the packet filter: read its message."
         )
     return output
 
 
 def find_program(name: str) -> str:
-    """The path of a program, "" where it is not installed."""
+    """The path of a program, "" if it is not installed."""
     return shutil.which(name, path=commands.BASE_PATH) or ""

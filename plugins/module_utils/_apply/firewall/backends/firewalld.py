@@ -3,8 +3,8 @@
 
 """firewalld: two policies of our own, which apply before every zone (firewalld.policy(5)). Zones stay as they are.
 
-firewalld takes a new policy only from its files, by a reload. A reload forgets changes of the run time alone, so the module
-refuses where there is such a change. A reload also empties the tables of iptables (firewalld 1.3 with its back end for nftables),
+firewalld takes a new policy only from its files, by a reload. A reload forgets changes that are only in the run time, so the module
+refuses if there is such a change. A reload also empties the tables of iptables (firewalld 1.3 with its back end for nftables),
 and with them the chains of container engines and of persons: they are taken over.
 """
 
@@ -90,7 +90,7 @@ def _format_attributes(values: typing.Mapping[str, str]) -> str:
 
 
 class BackEnd(contract.BackEnd):
-    """firewalld, where it runs."""
+    """firewalld, if it runs."""
 
     name = "firewalld"
 
@@ -167,7 +167,7 @@ def _reload() -> None:
     if answer.status != 0:
         message = quote(answer.error, LINE) or f"status {answer.status}"
         raise Problem(
-            f"'firewall-cmd --reload' failed ({message}), expected it to read the policies: see what it says."
+            f"'firewall-cmd --reload' failed ({message}), expected it to read the policies: read its message."
         )
 
 

@@ -3,15 +3,15 @@
 
 """nftables: a table of our own, replaced in one transaction, and loaded at boot by a unit of our own.
 
-It has the guards beside every back end: no way in which ufw, firewalld or the tunnel starts, stops or reloads touches this table. Only
+It has the guards with every back end: no way in which ufw, firewalld or the tunnel starts, stops or reloads touches this table. Only
 who flushes all rules does, as nftables.service. A drop-in lets that one flush and load ours in one transaction.
 
-Of TCP, only packets that begin a connection are dropped. So every connection that is there already stays, also where the
+Of TCP, only packets that begin a connection are dropped. So every connection that is there already stays, also if the
 kernel has not followed it from its beginning, or sees one direction of it only.
 
-A packet with an address of the computer itself as its source is dropped where it comes from a wire. The kernel itself checks this
-for IPv4 alone, and not everywhere (accept_local). Packets from the computer to itself come from no wire: those of the loopback
-interface, and the copies of its own multicast. For these copies, `fib` names an interface in the hook prerouting alone.
+A packet with an address of the computer itself as its source is dropped if it comes from a wire. The kernel itself checks this
+only for IPv4, and not everywhere (accept_local). Packets from the computer to itself come from no wire: those of the loopback
+interface, and the copies of its own multicast. For these copies, `fib` names an interface only in the hook prerouting.
 """
 
 import os
@@ -57,7 +57,7 @@ ExecReload={nft} -f {file}
 WantedBy=sysinit.target
 """
 
-# What Debian has nftables.service do, it does together with ours. With a wildcard, nft goes on where there is no such file. Rules of
+# The work that Debian gives nftables.service includes ours. With a wildcard, nft goes on if there is no such file. Rules of
 # others never depend on ours: if these are not taken, they are loaded without.
 _TOGETHER = """\
 ExecStart=
@@ -72,7 +72,7 @@ _DEBIANS = [
     ("ExecStart", "/usr/sbin/nft -f /etc/nftables.conf"),
     ("ExecStop", "/usr/sbin/nft flush ruleset"),
 ]
-# What somebody else has it do, it does as ever, and ours is loaded after that: for these milliseconds it is away.
+# Foreign work of this unit goes on as ever, and ours is loaded after that: for these milliseconds it is away.
 _DROP_IN = """\
 # {header}
 [Service]
@@ -120,7 +120,7 @@ class BackEnd(contract.BackEnd):
         ]
 
     def _is_debians(self) -> bool:
-        """True where nftables.service does what Debian has it do, but for our drop-in."""
+        """True if nftables.service works as Debian's package has it, but for our drop-in."""
         unit = systemd.states([FLUSHES], ["FragmentPath", "DropInPaths"])[0] if self.booted else {}
         paths = [unit.get("FragmentPath", ""), *unit.get("DropInPaths", "").split()]
         found = [pair for path in paths if path not in ("", DROP_IN) for pair in _COMMAND.findall(text(path))]
@@ -152,7 +152,7 @@ class BackEnd(contract.BackEnd):
 
     def try_out(self) -> None:
         if self.packet_filter is not None and not contract.find_program("nft"):
-            raise Problem(_NO_NFT.format(reason=", beside every other one", instead=""))
+            raise Problem(_NO_NFT.format(reason=", with every other one", instead=""))
         contract.run_or_fail(["nft", DELETE + ("" if self.packet_filter is None else render_table(self.packet_filter))])
 
     def restore(self) -> None:
@@ -217,7 +217,7 @@ def _render_chain(name: str, rules: str, hook: str = "", priority: str = "0") ->
 
 
 def _list_guard_rules(packet_filter: PacketFilter) -> str:
-    """The rules that drop what comes in beside the interface of its network, whether it is for this computer or passed on.
+    """The rules that drop packets from a network that come in at another interface than its own, for this computer or passed on.
 
     They have names, no routes: a route goes with its interface, and then the default route would lead to the network.
     """

@@ -69,7 +69,7 @@ class UfwRule(typing.NamedTuple):
 
     @property
     def is_allow(self) -> bool:
-        """True where the rule lets packets in."""
+        """True if the rule lets packets in."""
         return self.action.endswith("allow")
 
     def render(self) -> str:
@@ -97,7 +97,7 @@ def _parse_rule(text: str) -> UfwRule:
 
 
 class BackEnd(contract.BackEnd):
-    """ufw, where it is enabled."""
+    """ufw, if it is enabled."""
 
     name = "ufw"
 
@@ -208,7 +208,7 @@ def arrange(text: str, planned: typing.Sequence[UfwRule], path: str) -> str:
 
 
 def _find_misplaced(text: str) -> typing.Set[str]:
-    """Our rules in a file that deny and stand before one of ours that allows. Raises Problem."""
+    """Our rules in a file that deny and come before one of ours that allows. Raises Problem."""
     rules = [_parse_rule(rule) for rule in _select_own(_TUPLE.findall(text))]
     last = max((number for number, rule in enumerate(rules) if rule.is_allow), default=0)
     return {rule.text for rule in rules[:last] if not rule.is_allow}

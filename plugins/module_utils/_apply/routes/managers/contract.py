@@ -8,12 +8,12 @@ and its files. It knows nothing of the kernel's routes: they are right before it
 order:
 
     list_interfaces()     which interfaces does the manager configure now?
-    read()                what did earlier runs leave in our places?
-    find_place(interface) where do the routes of this interface go?
-    render(place, routes) what is wanted there?
+    read()                the texts of earlier runs in our places
+    find_place(interface) the place for the routes of this interface
+    render(place, routes) the wanted text there
     check(wanted)         does the manager accept that?
     write(place, text)    for every place that changes
-    activate(places)      tell the manager about them
+    activate(places)      have the manager read them
 
 Only the last two change anything. ifupdown.py is the shortest example.
 """
@@ -49,7 +49,7 @@ class MachineContext(typing.NamedTuple):
 
 
 def read_machine(root: str) -> MachineContext:
-    """This machine. Raises Problem where its interfaces cannot be read."""
+    """This machine. Raises Problem if its interfaces cannot be read."""
     try:
         interfaces = network.interfaces()
     except OSError as problem:
@@ -61,13 +61,13 @@ def read_machine(root: str) -> MachineContext:
 class BackEnd:
     """One manager of interfaces.
 
-    A place is where routes of ours are kept: the absolute path of a file as the machine sees it (without `root`), or
+    A place keeps routes of ours: the absolute path of a file as the machine sees it (without `root`), or
     another name such as `nmcli:<uuid>`. A back end with such places has its own `write`.
     """
 
     name = ""  # the value of the options `backend` and `backends`
     mode = 0o644  # of the files
-    takes_precedence = False  # True where its routes replace routes of others at boot, too
+    takes_precedence = False  # True if its routes replace foreign routes at boot, too
     inexpressible: typing.Tuple[str, ...] = ()  # fields of a route that its configuration cannot express
 
     def __init__(self, machine: MachineContext, recorded: RecordedTexts) -> None:
@@ -81,7 +81,7 @@ class BackEnd:
         raise NotImplementedError
 
     def find_place(self, interface: str) -> str:
-        """The place for the routes of an interface. Raises Problem where the manager has none."""
+        """The place for the routes of an interface. Raises Problem if the manager has none."""
         raise NotImplementedError
 
     def render(self, place: str, routes: RoutesByInterface) -> typing.Optional[str]:
@@ -92,19 +92,19 @@ class BackEnd:
         """
         raise NotImplementedError
 
-    # For a back end to override where its manager needs it
+    # For a back end to override if its manager needs it
 
     def list_places(self) -> typing.List[str]:
         """The files in which earlier runs may have left routes."""
         return []
 
     def read(self) -> Places:
-        """The texts in our places now. Raises Problem where something there is not ours."""
+        """The texts in our places now. Raises Problem if something there is not ours."""
         texts = {place: self.read_own_text(place) for place in self.list_places()}
         return {place: text for place, text in texts.items() if text is not None}
 
     def check(self, wanted: PlannedTexts) -> None:
-        """Raises Problem where the manager's own tool refuses the texts, or would not use them at boot."""
+        """Raises Problem if the manager's own tool refuses the texts, or would not use them at boot."""
 
     def write(self, place: str, content: typing.Optional[str]) -> None:
         """Write a text into a place; None leaves nothing there. The caller has made the folder of a file."""
@@ -117,16 +117,16 @@ class BackEnd:
             atomic.write_by_rename(path, content.encode("utf-8"), mode=self.mode)
 
     def activate(self, places: typing.List[str]) -> None:
-        """Tell the running manager about changed places. Every link stays up. Raises Problem."""
+        """Notify the running manager of changed places. Every link stays up. Raises Problem."""
 
     def explain_delay(self) -> str:
-        """The reason why `activate` does not tell the running manager, which reads the places at the next boot; "" where it does."""
+        """The reason why `activate` does not notify the running manager, which reads the places at the next boot; "" if it does."""
         return ""
 
     # For every back end to use
 
     def read_own_text(self, place: str) -> typing.Optional[str]:
-        """The text of a file of ours, None where it does not exist. Raises Problem where the file is not ours."""
+        """The text of a file of ours, None if it does not exist. Raises Problem if the file is not ours."""
         path = self.machine.path(place)
         if not os.path.lexists(path):
             return None
@@ -142,7 +142,7 @@ class BackEnd:
         )
 
     def refuse_shared(self, interface: str, sharers: typing.Iterable[str], what: str, whose: str, thing: str) -> None:
-        """Raises Problem where other interfaces share what would get the routes of this one; `whose` has a place for their names."""
+        """Raises Problem if other interfaces share the place that would get the routes of this one; `whose` has a place for their names."""
         others = sorted(name for name in sharers if name != interface)
         if others:
             names = whose.format(", ".join(map(quote, others)))

@@ -89,7 +89,7 @@ class BackEnd(contract.BackEnd):
                     yield interface, Definition(_SECTIONS.get(kind, _OTHERS), name, active.file)
 
     def list_interfaces(self) -> typing.Set[str]:
-        """The interfaces that netplan configures, by what it has generated for the manager behind it."""
+        """The interfaces that netplan configures, by the files that it has generated for the manager behind it."""
         return set(self._definitions)
 
     def list_places(self) -> typing.List[str]:
@@ -125,7 +125,7 @@ class BackEnd(contract.BackEnd):
         return contract.HEADER + "".join(f"{line}\n" for line in lines)
 
     def check(self, wanted: contract.PlannedTexts) -> None:
-        """Run `netplan generate` on a copy of its folders with our file as wanted. Raises Problem where it refuses."""
+        """Run `netplan generate` on a copy of its folders with our file as wanted. Raises Problem if it refuses."""
         copy = tempfile.mkdtemp(prefix=f"{contract.NAME}-netplan-")
         try:
             for folder in FOLDERS:
@@ -151,7 +151,7 @@ class BackEnd(contract.BackEnd):
             shutil.rmtree(copy, ignore_errors=True)
 
     def _check_generated(self, copy: str) -> None:
-        """Raises Problem where the files that netplan has generated in a copy would not bring the routes to their interfaces."""
+        """Raises Problem if the files that netplan has generated in a copy would not bring the routes to their interfaces."""
         for interface, routes in self._rendered.items():
             definition = self._definitions[interface]
             text = commands.text(os.path.join(copy, definition.file.lstrip("/")))
@@ -160,17 +160,17 @@ class BackEnd(contract.BackEnd):
                 raise Problem(
                     f"routes: {interface} is configured by {quote(definition.file)}, and netplan would generate it without the routes to "
                     f"{', '.join(absent or [route.destination for route in routes])}, expected them there by the definition "
-                    f"{quote(definition.name)}: see what 'netplan get' says of it, or set backend to none for these routes."
+                    f"{quote(definition.name)}: read it with 'netplan get', or set backend to none for these routes."
                 )
 
-    # Telling netplan
+    # Notifying netplan
 
     def activate(self, places: typing.List[str]) -> None:
         """Run `netplan generate`, and let the manager behind netplan read the result.
 
-        Never `netplan apply`, which takes links down, and lets networkd delete what others have made. `netplan generate`
-        touches no interface. networkd reads the routes when it is restarted as networkd.py does it; where it is not told, the
-        files are generated at the next boot: a reload by somebody else finds nothing new. NetworkManager loads the profile, and
+        Never `netplan apply`, which takes links down, and lets networkd delete foreign routes and rules. `netplan generate`
+        touches no interface. networkd reads the routes when it is restarted as networkd.py does it; if it is not restarted, the
+        files are generated at the next boot: a foreign reload finds nothing new. NetworkManager loads the profile, and
         uses it when it next activates it.
         """
         if not self.machine.booted:
@@ -190,7 +190,7 @@ class BackEnd(contract.BackEnd):
             answer = networkmanager.nmcli("connection", "load", *profiles)
             if answer.status != 0:
                 raise Problem(
-                    f"routes: NetworkManager cannot load what netplan has generated ({quote(_read_error(answer), LINE)}), expected it running."
+                    f"routes: NetworkManager cannot load the profile of netplan ({quote(_read_error(answer), LINE)}), expected it running."
                 )
         if _any_below(files, _GENERATED):
             networkd.BackEnd(self.machine, {}).activate(places)
@@ -202,9 +202,9 @@ class BackEnd(contract.BackEnd):
 
 
 def read_name(file: str, ssid: typing.Optional[str]) -> str:
-    """The name of the definition behind a profile of NetworkManager, "" where its file has another form.
+    """The name of the definition behind a profile of NetworkManager, "" if its file has another form.
 
-    netplan names the file `netplan-NAME[-SSID].nmconnection`, in the form of a URI; the `id` in it is what a person sees.
+    netplan names the file `netplan-NAME[-SSID].nmconnection`, in the form of a URI; people see the `id` in it.
     """
     match = re.fullmatch(r"netplan-(.+)\.nmconnection", os.path.basename(file))
     name = urllib.parse.unquote(match.group(1)) if match else ""

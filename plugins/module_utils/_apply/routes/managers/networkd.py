@@ -25,7 +25,7 @@ _OLDEST = 249  # systemd with ManageForeignRoutingPolicyRules=
 _NETPLAN = "10-netplan-"
 _FREE = ("unmanaged", "linger", "initialized", "pending", "")  # states of a link that networkd does not configure
 
-# What is in force until the next boot, after networkd was told about routes.
+# The files in force until the next boot, after networkd has read routes.
 _FOLDERS = tuple(f"{top}/systemd/network" for top in ("/etc", "/run", "/usr/local/lib", "/usr/lib", "/lib"))
 _MANAGER = f"/run/systemd/networkd.conf.d/90-{contract.NAME}.conf"
 _KEEP = f"90-{contract.NAME}-keep.conf"
@@ -84,15 +84,15 @@ class BackEnd(contract.BackEnd):
         sections = [_render_section(route) for interface_routes in routes.values() for route in interface_routes]
         return contract.HEADER + "".join(sections)
 
-    # Telling networkd
+    # Notifying networkd
 
     def activate(self, places: typing.List[str]) -> None:
         """Restart networkd, so that it knows the routes when a link comes back after an interruption.
 
-        A restart, a reload or a reconfiguration by itself deletes addresses, routes and rules of others, and networkd's own
-        addresses for a moment. So files below /run tell it before that to leave alone what it finds. They stay until the next
-        boot: if they went, a reload by somebody else would find another configuration, and do the same.
-        Where that is not enough, networkd is not told, and reads the routes at the next boot (`explain_delay`).
+        A restart, a reload or a reconfiguration by itself deletes addresses, routes and foreign rules, and networkd's own
+        addresses for a moment. So files below /run, written before that, let it keep all that it finds. They stay until the next
+        boot: if they went, a foreign reload would find another configuration, and do the same.
+        If that is not enough, networkd is not restarted, and reads the routes at the next boot (`explain_delay`).
         Measured on virtual machines by `tests/machines/`; a container has no udev, and there networkd deletes nothing.
         """
         if not self._is_running() or self.explain_delay():
@@ -114,7 +114,7 @@ class BackEnd(contract.BackEnd):
             return ""
         version = _read_version()
         if version < _OLDEST:
-            return f"systemd {version} cannot be told to leave rules and routes of others alone"
+            return f"systemd {version} has no settings by which it keeps foreign rules and routes"
         dynamic = [name for name in sorted(self.list_interfaces()) if self._is_dynamic(name)]
         return (
             f"{', '.join(map(quote, dynamic))} may have a lease or an address by DHCP or router advertisements"
@@ -173,7 +173,7 @@ class BackEnd(contract.BackEnd):
 
 
 def _read_version() -> int:
-    """The version of systemd, 0 where it is not told."""
+    """The version of systemd, 0 if it is not known."""
     match = re.match(r"systemd (\d{1,6})", commands.run(["networkctl", "--version"]).text)
     return int(match.group(1)) if match else 0
 

@@ -30,11 +30,11 @@ class Active(typing.NamedTuple):
 
     uuid: str
     external: bool
-    file: str  # "" where nmcli is too old to say it (before 1.12)
+    file: str  # "" if nmcli is too old to say it (before 1.12)
 
     @property
     def netplan(self) -> bool:
-        """True where netplan has written the profile."""
+        """True if netplan has written the profile."""
         return self.file.startswith(NETPLANS)
 
 
@@ -53,7 +53,7 @@ def nmcli(*words: str) -> commands.Answer:
 
 
 def active_profiles() -> typing.Dict[str, Active]:
-    """The active profiles by interface; none where NetworkManager is not there or does not run."""
+    """The active profiles by interface; none if NetworkManager is not there or does not run."""
     devices = nmcli("--fields", "DEVICE,CON-UUID,STATE", "device")
     if devices.status != 0:
         return {}
@@ -96,7 +96,7 @@ class BackEnd(contract.BackEnd):
             )
         if active.external:
             raise Problem(
-                f"{where} it is 'connected (externally)': somebody else has configured it and NetworkManager looks on, expected "
+                f"{where} it is 'connected (externally)': another program or a person has configured it and NetworkManager looks on, expected "
                 "an active profile in /etc/NetworkManager/system-connections: add one (nmcli connection add), or choose the "
                 "backend that configures it."
             )
@@ -137,7 +137,7 @@ class BackEnd(contract.BackEnd):
         return _join_lines(lines - others)
 
     def check(self, wanted: contract.PlannedTexts) -> None:
-        """Raises Problem where other settings of a profile prevent its routes at boot. (nmcli checks the routes in `write`.)"""
+        """Raises Problem if other settings of a profile prevent its routes at boot. (nmcli checks the routes in `write`.)"""
         for place, text in wanted.items():
             profile = _read_profile(place)
             if text is None or profile is None:
@@ -179,7 +179,7 @@ class BackEnd(contract.BackEnd):
         """Do nothing: the kernel has the routes, and NetworkManager reads the profile when it next activates it.
 
         Seen with NetworkManager 1.42 and `ip monitor`, in a container: `nmcli device reapply` deletes the addresses of IPv6, and routes
-        and addresses of others. With its flag that keeps those, the addresses of IPv6 are lost for good. Without `reapply`,
+        and foreign addresses. With its flag that keeps those, the addresses of IPv6 are lost for good. Without `reapply`,
         the routes stay over a short loss of carrier; after a longer one, as at boot, the profile is read again.
         """
 
@@ -205,7 +205,7 @@ def _read_error(answer: commands.Answer) -> str:
 
 
 def _read_profile(place: str) -> typing.Optional[Profile]:
-    """A profile, None where it or NetworkManager is gone. Raises Problem where it cannot be read."""
+    """A profile, None if it or NetworkManager is gone. Raises Problem if it cannot be read."""
     names = ["connection.autoconnect"]
     names += [f"ipv{version}.{name}" for version in (4, 6) for name in ("method", "route-table", "routes")]
     answer = nmcli("--fields", ",".join(names), "connection", "show", "uuid", _uuid(place))
@@ -274,5 +274,5 @@ def format_line(route: RouteSpec, profile_table: int) -> str:
 
 
 def _join_lines(lines: typing.Iterable[str]) -> typing.Optional[str]:
-    """Lines as the text of a place, None where there are no lines."""
+    """Lines as the text of a place, None if there are no lines."""
     return "".join(f"{line}\n" for line in sorted(set(lines))) or None

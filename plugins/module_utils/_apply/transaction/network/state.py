@@ -3,11 +3,11 @@
 
 """The addresses, routes, rules and the packet filter of this computer before and after a change, of whomever they are.
 
-A change tells programs to read their files again, and they may drop what others have made. So a sentence such as "as it was before"
-follows a look: what is gone and was not to go is put back, and what cannot be put back is said.
+A change makes programs read their files again, and they may drop foreign items. So a sentence such as "as it was before"
+follows a comparison: items that are gone and were not to go are put back, and those that cannot be put back are listed.
 
-Left out is what comes back by itself: what the kernel makes for an address, and what DHCP and router advertisements bring.
-Of the packet filter, what is gone is said alone: where a rule stands among others counts, and is not known afterwards.
+Left out are items that come back by themselves: those of the kernel for an address, and those of DHCP and router advertisements.
+Missing rules of the packet filter are only listed: the place of a rule among others counts, and is not known afterwards.
 """
 
 import json
@@ -24,7 +24,7 @@ KINDS = ("address", "route", "rule", "filter")  # in the order in which they are
 _RETURNING = ("kernel", "redirect", "ra", "dhcp")
 _DAEMONS = ("babel", "bgp", "bird", "eigrp", "gated", "isis", "mrt", "openr", "ospf", "rip", "zebra")
 _PROTOCOL = re.compile(r" proto (\S+)")
-_BY_HAND = ("boot", "static")  # the protocols that are looked at where there are too many routes for all
+_BY_HAND = ("boot", "static")  # the protocols that are looked at if there are too many routes for all
 _IN_PART = "{} in part"
 _LIMIT = 10.0  # seconds; 100,000 routes take half of one
 MOST = 20000  # routes of one version, those of routing daemons last; more of them are not compared
@@ -34,7 +34,7 @@ _MARKS = re.compile(
     r" (?:linkdown|dead|pervasive|offload|offload_failed|trap|rt_offload|rt_trap|rt_offload_failed|notify|unresolved"
     r"|error -?\d+|expires -?\d+sec|\[detached\]|\[unresolved\])(?= |$)"
 )
-# What firewalld makes anew from its files, ufw from its own, and tables of ours.
+# Tables that firewalld makes anew from its files, ufw from its own, and tables of ours.
 _MANAGED = re.compile(r"inet rosfleet_\w+ |(?:inet|ip6?) firewalld(?:_\w+)? |ip6? filter ufw6?-user-")
 _NOUNS = {"filter": "part of the packet filter"}
 _WITHOUT_INPUT = {"[l3mdev-table]": "l3mdev"}
@@ -55,7 +55,7 @@ class NetworkItem(typing.NamedTuple):
 
     @property
     def key(self) -> typing.Tuple[str, ...]:
-        """The words by which the kernel tells it from others: of a route the destination, with its kind, table and metric."""
+        """The words by which the kernel identifies it: of a route the destination, with its kind, table and metric."""
         if self.kind != "route":
             return (self.text,)
         words = self.text.split()
@@ -68,7 +68,7 @@ class NetworkItem(typing.NamedTuple):
 
 
 def find_word(words: typing.Sequence[str], name: str) -> str:
-    """The word that follows `name`, "" where the words do not have it."""
+    """The word that follows `name`, "" if the words do not have it."""
     return words[words.index(name) + 1] if name in words[:-1] else ""
 
 
@@ -125,7 +125,7 @@ def _read_routes(snapshot: Snapshot, version: int) -> typing.List[NetworkItem]:
     part, what = f"route {version}", f"The routes of IPv{version}"
     text = _ask(snapshot, part, what, show)
     if len(text) >= commands.MOST:
-        # A protocol that is asked for is not repeated: it stands before the scope.
+        # A protocol that is asked for is not repeated: it comes before the scope.
         texts = ((protocol, _ask(snapshot, part, what, [*show, "proto", protocol])) for protocol in _BY_HAND)
         text = "".join(re.sub("(?m)^(.*?)(?= scope )", rf"\1 proto {protocol}", lines) for protocol, lines in texts)
         snapshot.unseen[_IN_PART.format(version)] = (
@@ -193,7 +193,7 @@ def parse_rules(lines: typing.Iterable[str], version: int) -> typing.List[Networ
 
 
 def parse_filter(lines: typing.Iterable[str]) -> typing.List[NetworkItem]:
-    """The rules of others in lines of `nft -s list ruleset`, and the chains that drop by default; no elements of sets."""
+    """The foreign rules in lines of `nft -s list ruleset`, and the chains that drop by default; no elements of sets."""
     items = []
     for table, chain, text in list_written_rules(lines):
         place = f"{table} {chain}"
@@ -212,7 +212,7 @@ def parse_filter(lines: typing.Iterable[str]) -> typing.List[NetworkItem]:
 def find_missing(before: Snapshot, now: Snapshot) -> typing.List[NetworkItem]:
     """The items that were there before and are gone, in the order in which it is put back. Pure.
 
-    Without what went with its interface, and what could not be looked at now.
+    Without items that went with their interface, and those that could not be looked at now.
     """
     there, devices = set(now.items), {"", *now.links}
     missing = [item for item in before.items if item not in there and item.device in devices and _is_seen(item, now)]
@@ -221,7 +221,7 @@ def find_missing(before: Snapshot, now: Snapshot) -> typing.List[NetworkItem]:
 
 
 def _is_seen(item: NetworkItem, now: Snapshot) -> bool:
-    """True where the kind of an item was looked at."""
+    """True if the kind of an item was looked at."""
     if item.kind == "route" and _IN_PART.format(item.version) in now.unseen:
         return find_word(item.text.split(), "proto") in _BY_HAND
     return f"{item.kind} {item.version}" not in now.unseen
@@ -230,7 +230,7 @@ def _is_seen(item: NetworkItem, now: Snapshot) -> bool:
 def plan_batches(missing: typing.Iterable[NetworkItem], before: Snapshot) -> typing.Dict[typing.Tuple[str, int], str]:
     """The input of `ip -batch` that puts items back, by kind and version. Pure.
 
-    An item never takes the place of another one. Of several routes with one key, each is put beside the others.
+    An item never takes the place of another one. Of several routes with one key, each is added to the others.
     """
     numbers: typing.Dict[typing.Tuple[str, ...], int] = {}
     for item in before.items:
@@ -248,7 +248,7 @@ def plan_batches(missing: typing.Iterable[NetworkItem], before: Snapshot) -> typ
 
 
 def list_sentences(left: typing.Sequence[NetworkItem]) -> typing.List[str]:
-    """The sentences on what could not be put back."""
+    """The sentences on items that could not be put back."""
     sentences: typing.List[str] = [
         Sentence(
             f"The {_NOUNS.get(item.kind, item.kind)} {quote(item.text, LINE)} was there before this change and is gone: "
@@ -267,9 +267,9 @@ def list_sentences(left: typing.Sequence[NetworkItem]) -> typing.List[str]:
 def put_back(
     before: Snapshot, planned: typing.Callable[[NetworkItem], bool]
 ) -> typing.Tuple[typing.List[NetworkItem], typing.List[str]]:
-    """Compare with now, and put back what is gone and was not `planned` to go.
+    """Compare with now, and put back the items that are gone and were not `planned` to go.
 
-    Returns what was put back, and the sentences on what is still gone and on what could not be looked at.
+    Returns the items that were put back, and the sentences on those that are still gone or could not be looked at.
     """
     now = read(filtered=before.filtered)
     missing = [item for item in find_missing(before, now) if not planned(item)]
@@ -294,25 +294,27 @@ class StateWatch:
         self.before: typing.Optional[Snapshot] = None
 
     def begin(self) -> Snapshot:
-        """Look, once; returns what was there."""
+        """Look, once; returns the items that were there."""
         self.before = self.before or read(MOST, self.filtered)
         return self.before
 
     @property
     def step(self) -> Step:
-        """The first step of a change: its undo comes last, and puts back what was lost on the way."""
+        """The first step of a change: its undo comes last, and puts back items that were lost on the way."""
         return Step("the network", self.begin, self._undo)
 
     def _undo(self) -> typing.List[str]:
         return put_back(self.before, lambda item: False)[1] if self.before else []
 
     def finish(self) -> typing.List[str]:
-        """The sentences after a change that was done: what was put back, what is gone, and what could not be looked at."""
+        """The sentences after a change that was done: items that were put back, that are gone, or that could not be looked at."""
         if self.before is None:
             return []
         back, sentences = put_back(self.before, self.planned)
         texts = ", ".join(f"{item.kind} {quote(item.text, LINE)}" for item in back[:_MOST_SAID])
         more = f" and {len(back) - _MOST_SAID} more" if len(back) > _MOST_SAID else ""
         return (
-            [f"What others had made was gone after this change, and was put back: {texts}{more}."] if back else []
+            [f"Foreign routes, rules or addresses were gone after this change, and were put back: {texts}{more}."]
+            if back
+            else []
         ) + sentences

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The program that ends TCP connections for master_sync. It alone has the right to (CAP_NET_ADMIN), and it does little else.
+"""The program that ends TCP connections for master_sync. Only it has the right to (CAP_NET_ADMIN), and it does little else.
 
-It ends what it is asked to end, where that is a connection with a computer of the fleet that neither a roscore nor
+It ends a connection as asked, if that is one with a computer of the fleet that neither a roscore nor
 discovery has (sync/core/permission.py), and not too many of them. It runs on the system's Python (`python3 -I`), on files of
-root alone, and without ROS.
+root only, and without ROS.
 """
 
 import json
@@ -26,7 +26,7 @@ IDLE = 10.0  # seconds between two signs of life without a watchdog
 
 
 def answer(members: Members, problem: str, asked: List[Pair]) -> EndedConnections:
-    """End those of these connections that may be ended. `problem`: why nothing can be; empty where it can."""
+    """End those of these connections that may be ended. `problem`: why nothing can be; empty if it can."""
     if problem or not asked:
         return EndedConnections([], problem)
     try:

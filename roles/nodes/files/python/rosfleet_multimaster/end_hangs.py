@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The program that ends services that hang. systemd starts them again.
 
-Each service tells systemd again and again that it turns. One that is silent is looked at: where it waits for a processor or a
-disk, it is left alone, however long that takes (edge/process/liveness.py). It must be a process of its own, in a unit of its
+Each service signals to systemd again and again that it turns. One that is silent is looked at: if it waits for a processor or a
+disk, it may go on, however long that takes (edge/process/liveness.py). It must be a process of its own, in a unit of its
 own, since who is stopped cannot judge. A judge who gets no processor himself is late, and that is right then.
-It runs on the system's Python (`python3 -I`), on files of root alone, and without ROS.
+It runs on the system's Python (`python3 -I`), only on files of root, and without ROS.
 """
 
 import logging
@@ -22,7 +22,7 @@ from .edge.process.systemd import notify
 
 LOOK = 5.0  # seconds between two looks
 LATE = 10.0  # seconds without a sign of life after which a service is looked at
-GRACE = 10.0  # seconds in which it may write where it hangs
+GRACE = 10.0  # seconds in which it may write the place at which it hangs
 PATIENCE = 60.0  # seconds for systemd to answer
 LIMITS = Limits()
 PROPERTIES = "Id,ActiveState,MainPID,WatchdogUSec,WatchdogTimestampMonotonic,ActiveEnterTimestampMonotonic"
@@ -43,19 +43,19 @@ def read_services(text: str) -> Dict[str, Service]:
         with suppress(KeyError, ValueError):
             heard = int(unit["WatchdogTimestampMonotonic"]) or int(unit["ActiveEnterTimestampMonotonic"])
             pid = int(unit["MainPID"])
-            tells = unit["WatchdogUSec"] not in ("0", "infinity")  # else it was not asked for signs of life
-            if unit["ActiveState"] == "active" and tells and pid > 1:
+            signals = unit["WatchdogUSec"] not in ("0", "infinity")  # else it was not asked for signs of life
+            if unit["ActiveState"] == "active" and signals and pid > 1:
                 services[unit["Id"]] = Service(pid, heard / 1e6)
     return services
 
 
 class Judge:
-    """Ends what hangs."""
+    """Ends services that hang."""
 
     def __init__(self, limits: Limits = LIMITS, late: float = LATE, grace: float = GRACE) -> None:
         self._limits, self._late, self._grace = limits, late, grace
         self._silent: Dict[str, Silence] = {}
-        self._ended: Dict[str, float] = {}  # unit -> when its process was told to end
+        self._ended: Dict[str, float] = {}  # unit -> when its process was asked to end
 
     def look(self, services: Mapping[str, Service]) -> None:
         """Look at the services that run."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The node master_discovery: who else is there, and what is the state of the own roscore.
+"""The node master_discovery: the other masters, and the state of the own roscore.
 
 `python3 -m rosfleet_multimaster.master_discovery [--parameters FILE.json] [name:=value ...]`
 """
@@ -39,24 +39,24 @@ from .protocol.messages import AnnouncedMaster, DiagnosticEntry
 from .protocol.mirror import Mirror
 from .protocol.parameters import Settings
 
-LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, where the kernel tells of changes or not
-#: seconds from a change of own nodes to its announcement, and of others' nodes: changes come in bursts
+LOOKS = {True: 30.0, False: 1.0}  # seconds between two looks at the addresses, if the kernel reports changes or not
+#: seconds from a change of own nodes to its announcement, and of foreign nodes: changes come in bursts
 SETTLE, SETTLE_OTHERS = 0.02, 5.0
 LOOK_AGAIN = 0.1  # seconds between two looks at the addresses at least, however much changes
 
 
 class MasterDiscovery:
-    """The program: what its parts hear goes to the core, and what the core wants done to the parts."""
+    """The program: input of its parts goes to the core, and actions of the core to the parts."""
 
     def __init__(self, start: local_roscore.Start) -> None:
         values, self.loop, self.ended, self.roscore = start.values, start.loop, start.ended, start.roscore
         self.limited = program.LimitedLog()
         self.clock_questions = Workers(self.loop, 1)
-        self.errors: Dict[str, str] = {}  # what masterErrors tells
+        self.errors: Dict[str, str] = {}  # the answer of masterErrors
         self.node: Optional[ros.DiscoveryNode] = None
         self.masters: Tuple[AnnouncedMaster, ...] = ()
         self.outsiders: Tuple[Outsider, ...] = ()  # who is ignored
-        self.told: Dict[str, AnnouncedMaster] = {}
+        self.listed: Dict[str, AnnouncedMaster] = {}
         self.status = ""
         self.looked = 0.0  # when the addresses were looked at
         self.shown: Optional[float] = None  # the local stamp with which the own master is shown,
@@ -73,7 +73,7 @@ class MasterDiscovery:
         self.datagrams = Datagrams(values, self.loop, resolvers, self.limited, self.errors, heard)
         settings = {name: value for name, value in values.items() if name in Settings.__dataclass_fields__}
         self.core = Discovery(Settings(**settings), (), self.own.rpc_port, self.members)
-        asking = (self.told.__contains__, self.core.local.may_ask, self._on_contact)
+        asking = (self.listed.__contains__, self.core.local.may_ask, self._on_contact)
         self.contacts = Contacts(self.loop, resolvers, self.limited, self.errors, *asking)
         self.address_looks = RecurringJob(
             DirectRunner(), lambda: LOOKS[self.datagrams.hears_of_changes], self._look_at_addresses
@@ -115,7 +115,7 @@ class MasterDiscovery:
     # The loop
 
     def _tick(self, now: float) -> float:
-        """One pass: do what is due, and carry out whatever the core wants since the last pass."""
+        """One pass: do all that is due, and carry out whatever the core wants since the last pass."""
         seconds = [self.address_looks.tick(now), self.reports.tick(now)]
         self.datagrams.tick(now)
         if self.show_due is not None and now >= self.show_due:
@@ -125,7 +125,7 @@ class MasterDiscovery:
         if self.datagrams.problem != self.network_problem:
             self.network_problem = self.datagrams.problem
             self._say_status()
-        # Asked last: what was done in this pass may have closed the sockets.
+        # Asked last: an action of this pass may have closed the sockets.
         due = [*seconds, self.core.next_tick(), self.datagrams.tick(now), self.show_due]
         return min(time for time in due if time is not None)
 
@@ -142,7 +142,7 @@ class MasterDiscovery:
             elif isinstance(action, Ask):
                 self.contacts.ask(action)
             elif isinstance(action, MasterEvent):
-                if not events:  # before it is told: who then asks for the list has it there
+                if not events:  # before it is announced: who then asks for the list has it there
                     events, self.masters = True, tuple(self.core.view.masters())
                 self._event(action)
             elif isinstance(action, Say):
@@ -151,12 +151,12 @@ class MasterDiscovery:
             self.loop.post(self._say_status)
 
     def _event(self, event: MasterEvent) -> None:
-        master, before = event.master, self.told.get(event.master.uri)
-        self.told[master.uri] = master
+        master, before = event.master, self.listed.get(event.master.uri)
+        self.listed[master.uri] = master
         self.health.take_event(event.change, before, master)
         self.display.mark_stale()
         if event.change == "removed":
-            del self.told[master.uri]
+            del self.listed[master.uri]
             self.errors.pop(master.uri, None)
         if event.change == "new":
             program.LOG.info(
@@ -220,7 +220,7 @@ class MasterDiscovery:
         }
 
     def _look_at_addresses(self) -> None:
-        self._carry_out()  # first: a look may close the sockets, and what is to be sent would be lost
+        self._carry_out()  # first: a look may close the sockets, and the datagrams to send would be lost
         self.datagrams.look_at_addresses()
         self._look_at_networks()
         self.looked = monotonic()
@@ -235,7 +235,7 @@ class MasterDiscovery:
         """Look soon, but not more often than the kernel can be asked without harm."""
         self.address_looks.due = min(self.address_looks.due, self.looked + LOOK_AGAIN)
 
-    # What the parts hear
+    # Input of the parts
 
     def _on_datagram(self, datagram: Datagram, now: float) -> None:
         self.core.datagram(datagram.data, datagram.source, datagram.multicast, now)
@@ -262,12 +262,12 @@ class MasterDiscovery:
             secret_names(do_not_sync)
         except InvalidPattern as problem:
             self.limited.say(
-                "warning", "do_not_sync", f"other robots are told nothing until this is corrected: {problem}"
+                "warning", "do_not_sync", f"other robots get no announcements until this is corrected: {problem}"
             )
         self.changes.update(state, do_not_sync)
         if self.node is None or self.shown is None:
             self._show_own(monotonic())
-        else:  # who follows is told first: the rest can wait for what else there is to tell
+        else:  # followers are served first: the rest can wait for further changes
             settle = SETTLE if state.local_stamp != self.shown else SETTLE_OTHERS
             self.show_due = min(self.show_due or FAR, monotonic() + settle)
         if self.node is None:

@@ -31,13 +31,13 @@ from .relay.peers import OFFERS, Offers, RelayPeer
 from .relay.taken import TakenSide
 from .relay.wire import PATIENCE
 
-BEAT = 0.1  # seconds between two looks at what is due, at most
-READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one that tells its changes, and any other
+BEAT = 0.1  # seconds between two looks at due actions, at most
+READ, READ_WHOLE = 0.2, 1.0  # seconds between two looks at the own roscore: one that reports its changes, and any other
 LONGEST_WAIT = 60.0  # seconds that another relay may wait for news
 
 
 class MasterRelay:
-    """The program: what the own roscore and the other relays have becomes feeds, and listeners are given to these."""
+    """The program: topics of the own roscore and of the other relays become feeds, and listeners are given to these."""
 
     def __init__(self, values: Mapping[str, Any], roscore: Roscore, uri: str) -> None:
         """`uri`: that the roscore calls itself."""
@@ -61,10 +61,10 @@ class MasterRelay:
         self.overview = Overview(values, uri, self.loop, limited, *sides, self.parties, self.accounts)
         end = partial(self.loop.post, local_roscore.obey_shutdown)
         self.api = SlaveApi(uri, self.entrance.port, end, self._list_links)
-        told = self.entrance.tell_malformed
-        serve("", values["port"], {OFFERS: LongPoll(self._tell_offers)}, told, rules)
-        # A new port at each start: by its URI, nodes know that what they were connected with has ended, also where they did not see it.
-        slave = RpcServer("", 0, self.api.methods(), told, rules)
+        malformed = self.entrance.report_malformed
+        serve("", values["port"], {OFFERS: LongPoll(self._give_offers)}, malformed, rules)
+        # A new port at each start: by its URI, nodes know that their former connection has ended, also if they did not see it.
+        slave = RpcServer("", 0, self.api.methods(), malformed, rules)
         calls = Workers(self.loop, 1)  # everything that is asked of the own roscore
         self.registrar = Registrar(roscore, f"http://{find_own_host()}:{slave.server_address[1]}/", calls)
         again = self.registrar.begin_again
@@ -87,7 +87,7 @@ class MasterRelay:
         return 0
 
     def _tick(self, now: float) -> float:
-        """One pass: messages come and go in it, and what is due is done, which is not asked for with each message."""
+        """One pass: messages come and go in it, and due actions are done, which are not asked for with each message."""
         if now >= self.jobs_due:
             self.entrance.reopen(now)
             jobs = (self.health, self.reads, self.registrar, self.overview)
@@ -119,7 +119,7 @@ class MasterRelay:
         if self.taken.take(robot, offers, why):
             self._register()
 
-    def _tell_offers(self, address: str, may_wait: bool, robot: Any, revision: Any, wait: Any) -> List[Any]:
+    def _give_offers(self, address: str, may_wait: bool, robot: Any, revision: Any, wait: Any) -> List[Any]:
         """The offers of this relay to a robot: (revision, port of the data, topics and services with their types and nodes)."""
         if not isinstance(revision, str) or not isinstance(wait, (int, float)):
             raise RefusedCall(f"{OFFERS} takes a robot, a revision (text) and a wait (seconds)")
@@ -133,7 +133,7 @@ class MasterRelay:
         return [now, self.api.port, [[*offer[:3], list(offer.nodes)] for offer in offers]]
 
     def _register(self) -> None:
-        """Have registered what is published and provided here for others, and what is listened to for them."""
+        """Register the topics and services that are given here for others, and the topics that are listened to for them."""
         self.api.published, self.api.subscribed = self.taken.published, self.given.list_subscribed()
         wanted = {(PUBLISHER, topic): kind for topic, kind in self.api.published.items()}
         wanted.update({(SUBSCRIBER, topic): kind for topic, kind in self.api.subscribed.items()})

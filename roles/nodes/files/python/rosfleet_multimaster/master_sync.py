@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The node master_sync: registers what other masters have in the own roscore, and withdraws it again.
+"""The node master_sync: registers the topics and services of other masters in the own roscore, and withdraws them again.
 
 `python3 -m rosfleet_multimaster.master_sync [--parameters FILE.json] [name:=value ...]`
 """
@@ -36,7 +36,7 @@ OWN_SHARE, OWN_SLOWEST = 4, 2.0  # times as long as a round took, and seconds, i
 
 
 class MasterSync:
-    """The program: what its parts hear goes to the core, and a change is followed by a round."""
+    """The program: input of its parts goes to the core, and a change is followed by a round."""
 
     def __init__(self, start: local_roscore.Start) -> None:
         values, loop, self.limited = start.values, start.loop, program.LimitedLog()
@@ -47,7 +47,7 @@ class MasterSync:
         self.ready = False
         self.status, self.status_stale = "", False
         self.own_local_stamp = 0.0
-        self.news: Dict[str, float] = {}  # URI of a master -> when discovery told of it, since the last list
+        self.news: Dict[str, float] = {}  # URI of a master -> when discovery announced it, since the last list
         roscore_calls = Workers(loop, 1)  # everything that is asked of the own roscore, one after the other
         updaters = Workers(loop, 8)
         self.core = _core(start)
@@ -88,7 +88,7 @@ class MasterSync:
     # The loop
 
     def _tick(self, now: float) -> float:
-        """One pass: do what is due. Of what is under way, the end wakes the loop."""
+        """One pass: do all that is due. The end of each action under way wakes the loop."""
         if self.ended:
             return now + 1.0
         due = [
@@ -163,7 +163,7 @@ class MasterSync:
         remote = self.core.remotes.get(uri)
         return remote.announced.monitor_uri if remote is not None else ""
 
-    # What people see
+    # The view for people
 
     def _on_parameters(self) -> None:
         """Parameters have come or gone, or others are refused."""
@@ -171,7 +171,7 @@ class MasterSync:
         self._report()
 
     def _report(self) -> None:
-        """Tell of refusals that are new or over."""
+        """Report refusals that are new or over."""
         places, many = self.core.place_refusals(), limit_refusals(self.core.remotes)
         refused = [*self.rounds.refused, *places, *many, *self.copies.refused]
         before, self.refusals = set(self.refusals), refused
@@ -216,7 +216,7 @@ class MasterSync:
         self.status_stale = True
 
     def _say_status(self) -> None:
-        """Tell systemd what is registered. It takes a look at all of it, so not after each change of a busy fleet."""
+        """Report the registrations to systemd. It takes a look at all of it, so not after each change of a busy fleet."""
         if not self.finder.listed_once:
             return
         self.status_stale = False
@@ -246,7 +246,7 @@ class MasterSync:
         if self.ended:
             return
         self.ended.set()
-        notify("STOPPING=1", "STATUS=withdrawing what is of other masters")
+        notify("STOPPING=1", "STATUS=withdrawing the registrations of other masters")
         program.leave_after(8.0)
         self.copies.withdraw(lambda: self.rounds.withdraw(self._on_withdrawal))
 

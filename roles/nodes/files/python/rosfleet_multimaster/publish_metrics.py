@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The program that puts the metrics of the nodes where node_exporter reads them: root alone may write there.
+"""The program that puts the metrics of the nodes in the folder that node_exporter reads: only root may write there.
 
-The nodes write files in memory, each in its own folder; this copies them. What the nodes wrote is bounded, since strangers
+The nodes write files in memory, each in its own folder; this copies them. Their text is bounded, since strangers
 talk with them. A node that has ended has no file, and then it has none here either: old values are worse than none.
-It runs on the system's Python (`python3 -I`), on files of root alone, and without ROS.
+It runs on the system's Python (`python3 -I`), only on files of root, and without ROS.
 """
 
 import os
@@ -28,10 +28,10 @@ class Publisher:
 
     def __init__(self, folder: str, files: Mapping[str, str] = FILES) -> None:
         self._files = {os.path.join(folder, name): source for name, source in files.items()}
-        self._seen: Dict[str, str] = {}  # what is there
+        self._seen: Dict[str, str] = {}  # the present files
 
     def look(self) -> None:
-        """Copy what is new, and remove what has no source any more. Raises OSError where that is not possible."""
+        """Copy new files, and remove those that have no source any more. Raises OSError if that is not possible."""
         for target, source in self._files.items():
             try:
                 text = textfile.read(source, MOST)

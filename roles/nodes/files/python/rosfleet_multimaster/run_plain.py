@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Run a program of others, and write what it and its own programs print as plain lines of the journal.
+"""Run a foreign program, and write its output and that of its own programs as plain lines of the journal.
 
     python3 -m rosfleet_multimaster.run_plain /usr/bin/roscore -p 11311
 
-The roscore of ROS brings rosmaster and rosout, and they print what strangers say, such as the reason of a `shutdown`. A signal for
+The roscore of ROS brings rosmaster and rosout, and they print text of strangers, such as the reason of a `shutdown`. A signal for
 the unit reaches all of its processes; this one waits for the end of the program, and ends as it does. It needs Python 3.6 and
 no ROS.
 """
@@ -23,7 +23,7 @@ def main(command: Sequence[str]) -> int:
     """Run it, and return the exit status."""
     plain_streams()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, lambda *_about: None)  # a function: what is ignored would be ignored by the program too
+        signal.signal(number, lambda *_about: None)  # a function: the program would inherit an ignored signal
     name = os.path.basename(command[0])
     child = Child(lambda line: say(f"{name} says: {line}", logging.INFO))
     try:

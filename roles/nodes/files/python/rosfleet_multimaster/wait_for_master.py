@@ -35,7 +35,7 @@ class Transport(xmlrpc.client.Transport):
 
 
 def ask(uri: str, method: str, *arguments: Any) -> Any:
-    """The value that a roscore answers with. Raises Unavailable where it gives none."""
+    """The value that a roscore answers with. Raises Unavailable if it gives none."""
     try:
         code, text, value = getattr(xmlrpc.client.ServerProxy(uri, Transport()), method)(CALLER, *arguments)
     except Exception as problem:  # the network's, HTTP's and XML's own: whatever it is, not a roscore's answer
@@ -62,7 +62,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--timeout", type=float, default=60.0, metavar="SECONDS")
     parser.add_argument(
-        "--set", nargs=2, metavar=("NAMESPACE", "FILE"), help="what is there then: the parameters of FILE alone"
+        "--set", nargs=2, metavar=("NAMESPACE", "FILE"), help="the values there are then only the parameters of FILE"
     )
     parser.add_argument("--service", metavar="NAME", help="wait for this service too")
     options = parser.parse_args()

@@ -22,7 +22,7 @@ from mentioned import mentions
     [
         (errno.EACCES, 1000, "run as root (become: true)"),
         (errno.EPERM, 0, "chattr -i"),
-        (errno.EACCES, 0, "what forbids it to root"),
+        (errno.EACCES, 0, "reason that forbids it to root"),
         (errno.EROFS, 0, "mount its file system writable"),
         (errno.ENOSPC, 0, "make room"),
         (errno.EIO, 0, "look at the file, its file system and its disk"),

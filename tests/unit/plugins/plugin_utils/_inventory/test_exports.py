@@ -896,7 +896,7 @@ def test_a_robot_gives_back_what_it_declares_alone(station):
 @pytest.mark.parametrize(
     ("entries", "expected"),
     [
-        ([{"topics": ["/scan"], "back": ["/cmd_vel"]}], "'back' beside 'as', 'rate', 'newest' or 'frames'"),
+        ([{"topics": ["/scan"], "back": ["/cmd_vel"]}], "'back' with 'as', 'rate', 'newest' or 'frames'"),
         ([{"back": ["/diagnostics"], "as": "/k"}], "no /diagnostics at 'back'"),
         ([{"back": ["cmd_vel"], "as": "/k"}], "absolute names of letters"),
         ([{"back": "/cmd_vel", "as": "/k"}], "a list of names at 'back', such as [/cmd_vel]"),

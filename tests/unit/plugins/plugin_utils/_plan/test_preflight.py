@@ -168,7 +168,7 @@ PROBLEMS = {
     ),
     "IPv6 alone": (
         lambda info: info["interfaces"][1].update(addresses=[{"address": "fc94::1", "prefix": 128}]),
-        "is 192.168.1.229, but the machine has addresses of IPv6 alone; expected an IPv4 address",
+        "is 192.168.1.229, but the machine has only addresses of IPv6; expected an IPv4 address",
     ),
     "interface down": (lambda info: info["interfaces"][1].update(up=False), "interface eth0 .* is down"),
     "port of a bridge": (
@@ -232,9 +232,9 @@ def test_the_ports_owner_is_named_in_check_mode_too():
     found = compare(lambda info: (info.update(ports=twice), info["systemd"].update(running=False)))
     assert len(found.problems) == 4
     assert found.state.runs == (
-        'kobuki1computer: TCP port 11311: "rosmaster" (pid 812, user "robot", session-3.scope), where the plan has '
+        'kobuki1computer: TCP port 11311: "rosmaster" (pid 812, user "robot", session-3.scope), but the plan has '
         "multimaster-roscore.service.",
-        'kobuki1computer: UDP port 11511 and TCP port 11611: "rosmaster" (pid 812, user "robot"), where the plan has '
+        'kobuki1computer: UDP port 11511 and TCP port 11611: "rosmaster" (pid 812, user "robot"), but the plan has '
         "multimaster-discovery.service.",
     )
     assert found.state.noted == found.problems[:1] and "systemd does not run" in found.problems[0]

@@ -362,7 +362,7 @@ LIMITS = {
     ),
     "computers": (
         None,
-        "which tells of the nodes on tibi-laser as remote ones; expected the parameter sync_remote_nodes",
+        "which reports the nodes on tibi-laser as remote ones; expected the parameter sync_remote_nodes",
     ),
     "roscore": (
         everywhere("tibi", multimaster_roscore="existing"),

@@ -23,7 +23,7 @@ OnAnswer = Callable[[Key, Optional[Contact], str, bool, bool], bool]
 
 
 class Contacts:
-    """Asks others by masterContacts, and compares the names of their hosts with where they are."""
+    """Asks others by masterContacts, and compares the names of their hosts with their addresses."""
 
     def __init__(
         self,

@@ -16,11 +16,11 @@ from .udp import Datagram, Socket, Udp
 
 REOPEN = 0.5  # seconds between two attempts to open the sockets: a link that comes back is used at once
 RESOLVE = 60.0  # seconds between two looks at the addresses of ~robot_hosts
-RESOLVE_AGAIN = 5.0  # the same where one of them has none
+RESOLVE_AGAIN = 5.0  # the same if one of them has none
 
 
 class NetworkPlace(NamedTuple):
-    """Where this computer is in the network."""
+    """The place of this computer in the network."""
 
     address: str  # the own address, from which datagrams come
     interface: int  # the index of its interface, 0 for none
@@ -48,11 +48,11 @@ class Datagrams:
         errors: Dict[str, str],
         callbacks: DatagramCallbacks,
     ) -> None:
-        """`values`: the parameters of master_discovery. `errors` takes failures to send: masterErrors tells them."""
+        """`values`: the parameters of master_discovery. `errors` takes failures to send, for masterErrors."""
         self.own_addresses: Set[str] = set()
         self.place = NetworkPlace("", 0, False)
-        self.problem = ""  # why there are no sockets; "" where there are some
-        self.hears_of_changes = False  # the kernel tells of changes of the network
+        self.problem = ""  # why there are no sockets; "" if there are some
+        self.hears_of_changes = False  # the kernel reports changes of the network
         self.sent = self.received = 0  # datagrams
         self._values, self._loop, self._limited, self._errors = values, loop, limited, errors
         self._callbacks = callbacks
@@ -86,7 +86,7 @@ class Datagrams:
             changes = AddressChanges()
         except OSError as problem:
             program.LOG.warning(
-                "the kernel does not tell of changes of the network, so they are seen later: %s", problem
+                "the kernel does not report changes of the network, so they are seen later: %s", problem
             )
             return
 
@@ -98,7 +98,7 @@ class Datagrams:
         self._loop.watch(changes.socket, on_change)
 
     def tick(self, now: float) -> Optional[float]:
-        """Do what is due; the time of the next call, None for any."""
+        """Do all that is due; the time of the next call, None for any."""
         due = [self._lookups.tick(now), self._opening.tick(now)]
         return min((time for time in due if time is not None), default=None)
 
@@ -142,7 +142,7 @@ class Datagrams:
             self._errors.pop(f"send {host}", None)
 
     def _open(self, pinned: Optional[str], failure: Optional[Exception]) -> None:
-        """Open the sockets, on the address of the interface where one is chosen."""
+        """Open the sockets, on the address of the interface if one is chosen."""
         multicast = self._values["send_mcast"] or self._values["listen_mcast"]
         before = self.own_addresses
         try:
@@ -204,7 +204,7 @@ class Datagrams:
 
 
 def interface_name(values: Mapping[str, Any]) -> str:
-    """The interface of discovery, in upstream's order: parameters, ROS_HOSTNAME, ROS_IP; "" where none is chosen."""
+    """The interface of discovery, in upstream's order: parameters, ROS_HOSTNAME, ROS_IP; "" if none is chosen."""
     interface = values["mcast_group"].partition("@")[2] or values["interface"]
     if interface:
         return str(interface)

@@ -50,13 +50,13 @@ class Poller:
         self.do_not_sync: Any = None
 
     def poll(self) -> State:
-        """The state now. Raises OSError and the like without an answer, program.Fatal where the roscore is a new one."""
+        """The state now. Raises OSError and the like without an answer, program.Fatal if the roscore is a new one."""
         last, self._last = self._last, Last()  # kept only after a whole poll
         changed = self._read(last)
         graph = self._look_up(changed)
         if changed and self._ask_others(graph):
             if self._stamps.last is None:
-                raise OSError("it is not known yet what is from other masters")
+                raise OSError("the registrations from other masters are not known yet")
             return self._stamps.last
         self._last = last
         if graph is self._graph and self._stamps.last is self._state and self._state is not None:
@@ -69,7 +69,7 @@ class Poller:
         return self._state
 
     def _read(self, last: Last) -> bool:
-        """Read the registrations. False where the answer is the same as the last one: it is not parsed then.
+        """Read the registrations. False if the answer is the same as the last one: it is not parsed then.
 
         The roscore is then the same one, too, since it has the service of this node.
         """
@@ -78,7 +78,7 @@ class Poller:
             return False
         (system,) = answers
         if system is None:
-            raise OSError(f"{self.roscore.rpc.uri} does not tell its state")
+            raise OSError(f"{self.roscore.rpc.uri} does not report its state")
         self._system = system
         return True
 
@@ -97,7 +97,7 @@ class Poller:
             pid, own, *uris, types, text, self.do_not_sync = answers
             self._identity.check(service, pid, own)
             if types is None:
-                raise OSError(f"{self.roscore.rpc.uri} does not tell its types")
+                raise OSError(f"{self.roscore.rpc.uri} does not report its types")
             self._learn(lookups, uris, text)
             graph = graph_of(self._empty, self._system, types)
         self._rest = digests

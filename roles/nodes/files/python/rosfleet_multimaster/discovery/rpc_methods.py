@@ -38,17 +38,17 @@ class ServedMaster:
     host: Callable[[], str]  # the name of this computer in URIs
     rpc_port: int
     state: Optional[State] = None
-    away: str = UNREAD  # why there is no state; "" where there is one
+    away: str = UNREAD  # why there is no state; "" if there is one
 
     def current(self) -> State:
-        """The state. Raises RefusedCall where there is none."""
+        """The state. Raises RefusedCall if there is none."""
         state = self.state
         if self.away or state is None:
             raise RefusedCall(f"{self.name} has no state: {self.away}")
         return state
 
     def announce(self, address: str) -> Optional[AnnouncedMaster]:
-        """The announcement of the master from an address; None where there is no state."""
+        """The announcement of the master from an address; None if there is no state."""
         if self.state is None or self.away:
             return None
         monitor = f"http://{address}:{self.rpc_port}"
@@ -71,14 +71,14 @@ class RpcMethods:
     ) -> None:
         """`is_here(address)`: of this computer; `do_not_sync()`: the parameter of the roscore with this name; `md5sum(type)`: of a message type, None for none.
 
-        `outsiders()`: the ignored masters; `feed`: the changes, where others may ask for differences.
+        `outsiders()`: the ignored masters; `feed`: the changes, if others may ask for differences.
         """
         self._own, self._policy, self._errors, self._is_here = own, policy, errors, is_here
         self._do_not_sync, self._md5sum = do_not_sync, md5sum
         self._outsiders, self._feed = outsiders, feed
         self.changes = Count()  # answers with changes
-        self._filtering = threading.Lock()  # patterns of others take time: one caller at a time
-        self._making = threading.Lock()  # with what it has of others, a state may take 100 MB until it is packed
+        self._filtering = threading.Lock()  # foreign patterns take time: one caller at a time
+        self._making = threading.Lock()  # with its foreign registrations, a state may take 100 MB until it is packed
 
     def methods(self) -> Dict[str, Method]:
         """The methods by their names."""
@@ -101,7 +101,7 @@ class RpcMethods:
     def _list_outsiders(self, caller: str) -> List[Any]:
         """The ignored masters, each as (address, name, URI, reason). Only for this computer."""
         if not self._is_here(caller):
-            raise RefusedCall("only this computer itself is told who is ignored")
+            raise RefusedCall("only this computer itself gets the list of ignored senders")
         return [self._own.uri, [list(map(plain, outsider)) for outsider in self._outsiders()]]
 
     def _master_contacts(self) -> List[str]:
@@ -180,7 +180,7 @@ class RpcMethods:
             return lambda state: self._policy.view(state, None)
         try:
             secret = Rules(do_not_sync=secret_names(self._do_not_sync()))
-        except InvalidPattern as problem:  # the secret topics are not known, so nothing is told
+        except InvalidPattern as problem:  # the secret topics are not known, so nothing is answered
             raise RefusedCall(str(problem)) from None
         return lambda state: self._policy.view(state, caller, [secret])
 

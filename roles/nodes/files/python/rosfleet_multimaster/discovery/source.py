@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The source of the own master's state: its roscore tells changes, or is polled.
+"""The source of the own master's state: its roscore reports changes, or is polled.
 
-The managed roscore tells changes: system.listMethods names rosfleetChanges(caller, epoch, revision, wait). Any other one
+The managed roscore reports changes: system.listMethods names rosfleetChanges(caller, epoch, revision, wait). Any other one
 is polled (poller.py). After each failure, the roscore is asked again for its methods: it may be the other kind.
 """
 
@@ -34,12 +34,12 @@ class PollInstead(Exception):
 
 
 class StateFollower:
-    """The state, from the changes that the roscore tells."""
+    """The state, from the changes that the roscore reports."""
 
     def __init__(self, uri: str, caller: str, mirror: Mirror, identity: Identity, stamps: Stamps) -> None:
         self._rpc, self._caller = Rpc(uri, WAIT + TIMEOUT, STATE, own=True), caller
         self._mirror, self._identity, self._stamps = mirror, identity, stamps
-        self.parameters = mirror.parameters  # those that the roscore tells
+        self.parameters = mirror.parameters  # those that the roscore reports
 
     def next(self) -> State:
         """The next state. Raises as Poller.poll, and PollInstead."""
@@ -72,11 +72,11 @@ class Source:
         self._poller, self._make, self._pace = poller, follower, PollPace(period)
         self._local_stamp = 0.0  # of the last state that was polled
         self._follower: Optional[StateFollower] = None
-        self._known_until = 0.0  # until then the roscore is not asked whether it tells changes
+        self._known_until = 0.0  # until then the roscore is not asked if it reports changes
         self.pause = 0.0  # seconds until `next` is to be called again
         # Of the last state, also while the roscore does not answer: that state is served for a moment.
         self.do_not_sync: Any = None  # the parameter /do_not_sync
-        self.refusal_counts: Any = None  # reason -> requests that the roscore refused; None where it does not tell
+        self.refusal_counts: Any = None  # reason -> requests that the roscore refused; None if it does not report them
 
     def next(self) -> State:
         """The state, as soon as it is new, or after a while. Raises as Poller.poll."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The feed of state changes: other masters ask, and get an answer as soon as something is new for them.
 
-Only the filter of a caller is kept. Epoch and revision in its question say which state it has. The epoch stands for this
+Only the filter of a caller is kept. Epoch and revision in its question say which state it has. The epoch identifies this
 start, the rules for the caller, and its filter: when one of them changes, the caller gets a whole state.
 """
 
@@ -20,7 +20,7 @@ from ..protocol.graph import State, parse
 LONGEST_WAIT = 60.0  # seconds
 MOST_FILTERS, FILTERS_OF_ONE = 512, 8  # filters that are kept, and those of one robot
 MOST_BYTES, BYTES_OF_ONE = 32 << 20, 2 << 20  # of their memory; one filter is always kept
-_PATTERN = 200  # bytes of a pattern beside its characters
+_PATTERN = 200  # bytes of a pattern besides its characters
 MOST_READY = 8  # whole states that are kept, packed
 
 Key = Tuple[str, str]  # robot, epoch
@@ -45,7 +45,7 @@ class StateFeed:
     ) -> None:
         """`current()` raises RefusedCall while there is no state. `pack(answer)`: the form of a whole state that is kept and sent.
 
-        `robot_at(address)`: who pays for what is kept.
+        `robot_at(address)`: who pays for the kept data.
         """
         self._current, self._start, self._robot_at = current, os.urandom(6).hex(), robot_at
         self._changed = threading.Condition()
@@ -83,7 +83,7 @@ class StateFeed:
         return entry[0]
 
     def _remember(self, caller: str, epoch: str, rules: Rules) -> None:
-        """Keep a filter. Where there are too many, the oldest one of who has most goes: nobody pushes out those of others."""
+        """Keep a filter. If there are too many, the oldest one of the robot with most goes: nobody pushes out foreign ones."""
         robot = self._robot_at(caller)
         size = sum(_PATTERN + len(item) for pattern in vars(rules).values() for item in pattern.items)
         with self._changed:
@@ -130,7 +130,7 @@ class StateFeed:
             begun_at = state.local_stamp if begun_at is None else begun_at
             if difference or asked < own or state.local_stamp != begun_at:
                 return [epoch, now, False, *difference, ""]
-            revision = asked = now  # the rules hide the change: there is nothing to tell
+            revision = asked = now  # the rules hide the change: there is nothing to report
             if not self._wait(news, until):
                 return [epoch, now, False, *empty_difference(state), self._digest(epoch, now, state, view)]
 
@@ -145,7 +145,7 @@ class StateFeed:
             return self._wholes[key]
 
     def _wait(self, news: int, until: float) -> bool:
-        """Wait for news; False where there are none until then."""
+        """Wait for news; False if there are none until then."""
         with self._changed:
             return self._changed.wait_for(lambda: self._news != news, max(0.0, until - monotonic()))
 

@@ -33,7 +33,7 @@ class Network(NamedTuple):
 
 
 def network() -> Network:
-    """The network of this computer as the kernel tells it now. Raises OSError."""
+    """The network of this computer as the kernel reports it now. Raises OSError."""
     of = dict(addresses())
     own, running = set(of), set()
     for head, parts in _list(_RTM_GETROUTE, 12):
@@ -68,7 +68,7 @@ def addresses() -> List[Tuple[str, int]]:
 
 
 def _list(request: int, size: int, family: int = socket.AF_INET) -> Iterator[Tuple[bytes, Dict[int, bytes]]]:
-    """What the kernel lists (rtnetlink(7)): each message, which begins with a head of this size, and its attributes."""
+    """The lists of the kernel (rtnetlink(7)): each message, which begins with a head of this size, and its attributes."""
     for message in ask_kernel(socket.NETLINK_ROUTE, request, REQUEST | ALL, struct.pack("=B15x", family)):
         yield message, attributes(message, size)
 
@@ -107,12 +107,12 @@ class AddressChanges:
     """A socket that can be read as soon as an interface, an address or a route has changed."""
 
     def __init__(self) -> None:
-        """Raises OSError where the kernel tells nothing."""
+        """Raises OSError if the kernel reports nothing."""
         self.socket = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW | socket.SOCK_NONBLOCK, 0)
         self.socket.bind((0, _GROUPS))
 
     def clear(self) -> None:
-        """Forget what has changed until now."""
+        """Forget the changes until now."""
         with contextlib.suppress(OSError):  # no more, or more than the socket holds
             while self.socket.recv(65536):
                 pass

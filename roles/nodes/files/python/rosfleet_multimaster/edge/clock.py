@@ -14,6 +14,6 @@ Value = TypeVar("Value")
 
 
 def keep_fresh(read: Callable[[], Value]) -> Callable[[], Value]:
-    """The same function, whose value is kept for FRESH at most: for what takes longer to read than to use."""
+    """The same function, whose value is kept for FRESH at most: for values that take longer to read than to use."""
     kept = lru_cache(1)(lambda _moment: read())
     return lambda: kept(int(monotonic() / FRESH))

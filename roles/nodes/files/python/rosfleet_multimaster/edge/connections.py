@@ -40,7 +40,7 @@ def connections() -> List[Tcp]:
 
 
 def owner(local: Tuple[str, int], remote: Tuple[str, int]) -> int:
-    """The user (its number) whose process has this end of a connection. Raises OSError where it is not of this computer."""
+    """The user (its number) whose process has this end of a connection. Raises OSError if it is not of this computer."""
     family = socket.AF_INET6 if ":" in local[0] else socket.AF_INET
     ends = [socket.inet_pton(family, address).ljust(16, b"\0") for address, _port in (local, remote)]
     identity = struct.pack(">HH16s16s", local[1], remote[1], *ends) + struct.pack("=III", 0, 0xFFFFFFFF, 0xFFFFFFFF)
@@ -51,7 +51,7 @@ def owner(local: Tuple[str, int], remote: Tuple[str, int]) -> int:
 
 
 def end(connection: Tcp) -> bool:
-    """End a connection; False where it has ended already. Raises OSError, PermissionError without CAP_NET_ADMIN."""
+    """End a connection; False if it has ended already. Raises OSError, PermissionError without CAP_NET_ADMIN."""
     body = struct.pack("=BBBBI48s", socket.AF_INET, socket.IPPROTO_TCP, 0, 0, 0xFFFFFFFF, connection.identity)
     try:
         list(ask_kernel(_NETLINK_SOCK_DIAG, _SOCK_DESTROY, REQUEST | ACKNOWLEDGE, body))
@@ -61,7 +61,7 @@ def end(connection: Tcp) -> bool:
 
 
 def end_all(wanted: Callable[[Tcp], bool]) -> List[Tcp]:
-    """End the connections between nodes that `wanted` names, and return them. Raises OSError where none could be ended."""
+    """End the connections between nodes that `wanted` names, and return them. Raises OSError if none could be ended."""
     ended, problem = [], None
     for connection in connections():
         if min(connection.local[1], connection.remote[1]) >= LOWEST and wanted(connection):
@@ -75,7 +75,7 @@ def end_all(wanted: Callable[[Tcp], bool]) -> List[Tcp]:
 
 
 def check() -> None:
-    """Raise OSError where connections cannot be ended here. It is tried with an own one."""
+    """Raise OSError if connections cannot be ended here. It is tried with an own one."""
     with contextlib.ExitStack() as opened:
         server = opened.enter_context(socket.socket())
         server.bind(("127.0.0.1", 0))

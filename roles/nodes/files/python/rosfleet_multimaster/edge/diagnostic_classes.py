@@ -3,7 +3,7 @@
 """Messages of /diagnostics: the classes of diagnostic_msgs are those of the robot, or else made here of the same definitions.
 
 On a robot without the package no program looks at them, but one on its other computers may. Nothing is installed, so
-nothing stands in the place of the package when it comes.
+nothing is in the place of the package when it comes.
 """
 
 import io

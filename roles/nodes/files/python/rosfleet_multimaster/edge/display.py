@@ -15,11 +15,11 @@ from .process import program, textfile
 #: seconds between two messages to a subscriber: diagnostic_aggregator calls an entry stale after five
 PUBLISH = 2.0
 WRITE = 15.0  # seconds between two files: Prometheus asks about as often
-EARLY = 0.5  # a look comes so much early, where the loop is awake
+EARLY = 0.5  # a look comes so much early, if the loop is awake
 
 
 class Display:
-    """Publishes and writes where it is due. What there is to show is worked out only then."""
+    """Publishes and writes if it is due. The content is worked out only then."""
 
     def __init__(
         self,
@@ -43,17 +43,17 @@ class Display:
         self._looks = RecurringJob(DirectRunner(), lambda: PUBLISH, self.look, wanted=lambda: self.has_outputs)
 
     def open(self, make_topic: Callable[[], Any]) -> None:
-        """Publish from now on, where people want it. `make_topic()`: a publisher of /diagnostics."""
+        """Publish from now on, if people want it. `make_topic()`: a publisher of /diagnostics."""
         if self.diagnoses:
             self._topic = make_topic()
 
     def tick(self, now: float) -> Optional[float]:
-        """Look where that is due; the time of the next look."""
+        """Look if that is due; the time of the next look."""
         return self._looks.tick(now)
 
     @property
     def has_outputs(self) -> bool:
-        """True where there is an output."""
+        """True if there is an output."""
         return bool(self.diagnoses or self._path)
 
     def mark_stale(self) -> None:
@@ -61,7 +61,7 @@ class Display:
         self._stale = True
 
     def look(self) -> None:
-        """Show what is due."""
+        """Show all that is due."""
         now, topic = monotonic(), self._topic
         due = now >= self._publish_due
         if topic is not None and (self._stale or (due and topic.has_listeners())):

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The lines that a program writes for the journal, or for a terminal. No text of others can break or colour them.
+"""The lines that a program writes for the journal, or for a terminal. No foreign text can break or colour them.
 
 There are three ways out, and all are here: the log (ours and that of rospy, by logging.conf), the sentences of our small
-programs, and the standard streams, to which rospy prints what others say, such as the reason of a `shutdown`. Each line begins
-with a priority and a word of ours, so journald takes no `<0>` of others for one. What other programs print comes by
+programs, and the standard streams, to which rospy prints foreign text, such as the reason of a `shutdown`. Each line begins
+with a priority and a word of ours, so journald takes no foreign `<0>` for one. The output of other programs comes by
 children.py to the first two.
 """
 
@@ -36,7 +36,7 @@ class Format(logging.Formatter):
 
 
 def _line(level: int, text: str, name: Optional[str] = None) -> str:
-    """A line with what comes before it: its priority for the journal, the `name` of its level for a terminal."""
+    """A line with its beginning: its priority for the journal, the `name` of its level for a terminal."""
     if "JOURNAL_STREAM" in os.environ:
         return f"<{_PRIORITIES.get(level, 6)}>{text}"
     return (f"{logging.getLevelName(level)}: " if name is None else name) + text
@@ -67,7 +67,7 @@ class LineHandler(logging.StreamHandler):  # type: ignore[type-arg]  # a class o
 
 
 def quiet(*names: str) -> None:
-    """Say nothing of what these libraries log: each line is about one request, and its caller has it as the answer."""
+    """Drop the log lines of these libraries: each line is about one request, and its caller has it as the answer."""
     for name in names:
         logger = logging.getLogger(name)
         logger.addHandler(logging.NullHandler())
@@ -75,7 +75,7 @@ def quiet(*names: str) -> None:
 
 
 class RospyHandler(LineHandler):
-    """The same in a node that is not a bundled one (logging.conf): what its rospy prints is plain, too."""
+    """The same in a node that is not a bundled one (logging.conf): the output of its rospy is plain, too."""
 
     def __init__(self, stream: Any = None) -> None:
         super().__init__(stream)
@@ -112,7 +112,7 @@ class PlainStream:
             self.write(line)
 
     def flush(self) -> None:
-        """Write what waits."""
+        """Write the waiting lines."""
         self._end_line()
         self.stream.flush()
 

@@ -20,7 +20,7 @@ class Lifeline:
         """`ended()` is called in the loop when the connection has ended."""
         self._loop, self._on_end = loop, ended
         self._held: Optional[Socket] = None
-        self.uri = ""  # where it leads
+        self.uri = ""  # the program it leads to
 
     def __bool__(self) -> bool:
         return self._held is not None
@@ -46,7 +46,7 @@ class Lifeline:
 
 
 def lifeline(uri: str) -> Optional[Socket]:
-    """A connection to the program at a URI; None where there is none."""
+    """A connection to the program at a URI; None if there is none."""
     try:
         return socket.create_connection(place_of(uri), CONNECT)
     except (OSError, UnicodeError):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The loop of a program, its workers, and jobs that recur.
 
-A program is one loop in its main thread. What may block runs in a worker, which hands its result to the loop.
+A program is one loop in its main thread. A job that may block runs in a worker, which hands its result to the loop.
 Each pass of the loop feeds the watchdog, and nothing else does: a loop that hangs is seen (end_hangs.py).
 """
 
@@ -19,7 +19,7 @@ from .clock import monotonic, sleep
 from .process.systemd import notify, watchdog
 
 Job = Callable[[], Any]
-Done = Callable[[Any, Optional[Exception]], Any]  # takes the result of a job, and what it has raised
+Done = Callable[[Any, Optional[Exception]], Any]  # takes the result of a job, and its exception
 
 _MAX_POSTED = 4096  # calls that wait for the loop
 
@@ -31,7 +31,9 @@ class Loop:
         self._selector = selectors.DefaultSelector()
         self._posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._later: queue.PriorityQueue[Tuple[float, int, Callable[[], None]]] = queue.PriorityQueue()
-        self._numbers = itertools.count()  # of what is posted for later: two are never compared by their functions
+        self._numbers = (
+            itertools.count()
+        )  # of the calls that are posted for later: two are never compared by their functions
         self._waker, self._wakee = socket.socketpair()
         self._waker.setblocking(False)
         self._wakee.setblocking(False)
@@ -57,7 +59,7 @@ class Loop:
         self.wake()
 
     def _call_due(self, now: float) -> float:
-        """Call what was posted for now; the time of what comes next."""
+        """Call the functions that were posted for now; the time of the next one."""
         while not self._later.empty():  # nobody else takes from it
             due, number, function = self._later.get()
             if due > now:
@@ -119,7 +121,9 @@ class Loop:
             if now >= feed:
                 notify("WATCHDOG=1")
                 feed = now + every
-            due = min(self._call_due(now), tick(now), now + every)  # in this order: a call may change what `tick` does
+            due = min(
+                self._call_due(now), tick(now), now + every
+            )  # in this order: a call may change the work of `tick`
             for key, _events in self._selector.select(max(0.0, due - monotonic())):
                 key.data()
             with contextlib.suppress(OSError):
@@ -157,7 +161,7 @@ class Workers:
                 result, problem = job(), None
             except Exception as error:  # whatever it is belongs to who asked
                 result, problem = None, error
-                # Its frames hold what it was made of, such as half of a large answer.
+                # Its frames hold the data behind it, such as half of a large answer.
                 problem.__traceback__ = problem.__context__ = problem.__cause__ = None
             self._loop.post(done, result, problem)
             del job, done, result, problem  # else they are held until the next job has ended
@@ -190,14 +194,14 @@ class RecurringJob:
         """`every`: seconds from the start of a run to the next; `wanted`: False while there is nothing to run for.
 
         `overlapping`: a run also starts while an earlier one hangs. `early`: so many seconds before it is due it runs, too,
-        where the loop is awake: to wake it costs more than the run.
+        if the loop is awake: to wake it costs more than the run.
         """
         self.due = 0.0
         self._running, self._overlapping, self._early = False, overlapping, early
         self._runner, self._every, self._job, self._done, self._wanted = runner, every, job, done, wanted
 
     def tick(self, now: float) -> Optional[float]:
-        """Start a run where one is due. Return the time of the next one.
+        """Start a run if one is due. Return the time of the next one.
 
         None: no run can start now. The end of a run wakes the loop.
         """

@@ -18,7 +18,7 @@ _lock = threading.Lock()  # of this list
 def run_with_limit(seconds: float, job: Callable[[], Any]) -> Any:
     """The result of a job that knows no time limit, such as a call of rospy.
 
-    Raises TimeoutError, at once too where several earlier jobs still hang; and what the job raises.
+    Raises TimeoutError, at once, too, if several earlier jobs still hang; and the errors of the job.
     """
     with _lock:
         _hanging[:] = [thread for thread in _hanging if thread.is_alive()]

@@ -64,7 +64,7 @@ def stop(reason: str) -> None:
 
 
 def md5sum(type_name: str) -> Optional[str]:
-    """The md5 sum of a message type, None where it is not installed."""
+    """The md5 sum of a message type, None if it is not installed."""
     try:
         found = roslib.message.get_message_class(type_name)
     except Exception:  # whatever the import of a foreign package raises
@@ -102,7 +102,7 @@ class Diagnostics:
         self._topic = rospy.Publisher("/diagnostics", self._messages.DiagnosticArray, queue_size=1, latch=True)
 
     def has_listeners(self) -> bool:
-        """True where a node has subscribed."""
+        """True if a node has subscribed."""
         return bool(self._topic.get_num_connections())
 
     def publish(self, parts: Sequence[DiagnosticEntry], now: float, robot: str) -> None:
@@ -133,7 +133,7 @@ class DiscoveryNode:
         rospy.Service("~refresh", std_srvs.srv.Empty, handle_refresh)
 
     def service_uri(self) -> Tuple[str, str]:
-        """Name and URI of a service of this node: what the roscore must know."""
+        """Name and URI of a service of this node: the entry at the roscore."""
         return str(self.list_masters.resolved_name), str(self.list_masters.uri)
 
     def publish_change(self, change: str, master: AnnouncedMaster) -> None:
@@ -141,7 +141,7 @@ class DiscoveryNode:
         self._changes.publish(msg.MasterState(state=change, master=_to_ros_master(master)))
 
     def links(self, own_name: str, links: Callable[[], Iterable[LinkQuality]], now: float) -> None:
-        """Publish the quality of the links where a node listens; `now` is the wall clock."""
+        """Publish the quality of the links if a node listens; `now` is the wall clock."""
         if self._links.get_num_connections() == 0:
             return
         message = msg.LinkStatesStamped()
@@ -164,7 +164,7 @@ def _end(proxy: Any) -> None:
 
 
 def sync_info(service: str) -> Dict[Tuple[str, str], str]:
-    """(node, URI) -> URI of its master: what another implementation of master_sync has registered. Blocks; may raise."""
+    """(node, URI) -> URI of its master: the registrations of another implementation of master_sync. Blocks; may raise."""
     # Persistent: only then its connection is known.
     proxy = rospy.ServiceProxy(service, srv.GetSyncInfo, persistent=True)
     try:
@@ -188,7 +188,7 @@ class SyncNode:
         self._service = rospy.Service("~get_sync_info", srv.GetSyncInfo, lambda _request: _sync_info(held()))
 
     def service_uri(self) -> Tuple[str, str]:
-        """Name and URI of a service of this node: what the roscore must know."""
+        """Name and URI of a service of this node: the entry at the roscore."""
         return str(self._service.resolved_name), str(self._service.uri)
 
     def subscribe(self, topic: str, callback: Callable[[str, AnnouncedMaster], None]) -> None:
@@ -246,7 +246,7 @@ def _sync_info(held: Mapping[Registration, str]) -> Any:
 
 
 def master_name(uri: str) -> str:
-    """The name of a master by upstream's rule: the host of its URI, and the port of ROS_MASTER_URI where it is unusual."""
+    """The name of a master by upstream's rule: the host of its URI, and the port of ROS_MASTER_URI if it is unusual."""
     port = urllib.parse.urlsplit(master_uri()).port
     host = urllib.parse.urlsplit(uri).hostname or ""
     return host if port in (None, 11311) else f"{host}_{port}"

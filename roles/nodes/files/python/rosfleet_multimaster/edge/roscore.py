@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The master API of a roscore (http://wiki.ros.org/ROS/Master_API), and the registrations there, which it may tell by changes."""
+"""The master API of a roscore (http://wiki.ros.org/ROS/Master_API), and the registrations there, which it may report by changes."""
 
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 from xmlrpc.client import Fault
@@ -14,7 +14,7 @@ from ..protocol.xml_rpc import STATE
 from .rpc_client import SAME, Last, Rpc
 
 TOGETHER = "rosfleetTogether"
-KNOWN = 60.0  # seconds until a roscore that did not tell its changes is asked again whether it does
+KNOWN = 60.0  # seconds until a roscore that did not report its changes is asked again if it does
 
 Names = Sequence[str]
 
@@ -26,12 +26,12 @@ class Roscore:
         self.rpc, self.caller = Rpc(uri, timeout, STATE, own=True), caller
 
     def ask(self, *calls: Tuple[Any, ...], last: Optional[Last] = None) -> List[Any]:
-        """The values of many calls (without the caller's name) in one request; None where one was refused.
+        """The values of many calls (without the caller's name) in one request; None if one was refused.
 
-        `last`: no values at all where the answer is that one. Raises OSError, ValueError or xmlrpc.client.Fault where the
+        `last`: no values at all if the answer is that one. Raises OSError, ValueError or xmlrpc.client.Fault if the
         roscore does not answer at all.
         """
-        if last is not None and len(calls) == 1:  # again and again: alone it costs two thirds of a multicall
+        if last is not None and len(calls) == 1:  # again and again: a single one costs two thirds of a multicall
             return self._ask_one(*calls[0], last=last)
         results = self.rpc.multicall([(call[0], self.caller, *call[1:]) for call in calls], last)
         return [_value(result) for result in results]
@@ -46,7 +46,7 @@ class Roscore:
     def together(self, calls: Sequence[Tuple[Any, ...]]) -> List[Any]:
         """The results of many calls, (method, caller, argument, ...), by a roscore that has TOGETHER; as Rpc.multicall.
 
-        It costs a tenth of what the same calls cost in a multicall, and those who wait for changes are woken less often.
+        It costs a tenth of the same calls in a multicall, and those who wait for changes are woken less often.
         """
         if not calls:
             return []
@@ -57,7 +57,7 @@ class Roscore:
         return [Fault(1, plain(result)) if isinstance(result, str) else result for result in results]
 
     def has(self, method: str) -> bool:
-        """True where the roscore has a method besides those of rosmaster. Raises as `ask` where it does not answer."""
+        """True if the roscore has a method besides those of rosmaster. Raises as `ask` if it does not answer."""
         try:
             methods = self.rpc.call("system.listMethods")
         except Fault:  # rosmaster has not even this one
@@ -72,7 +72,7 @@ def _value(result: Any) -> Any:
 
 
 class RoscoreGraph:
-    """All registrations of the own roscore, read on demand. Where the roscore tells changes, only these are read. For one thread.
+    """All registrations of the own roscore, read on demand. If the roscore reports changes, only these are read. For one thread.
 
     With 3,000 topics, to read everything takes longer than all other work of master_sync.
     """
@@ -83,18 +83,18 @@ class RoscoreGraph:
 
     @property
     def guards_names(self) -> bool:
-        """True where the roscore lets no node of another robot take the name of an own one: the managed roscore does."""
+        """True if the roscore lets no node of another robot take the name of an own one: the managed roscore does."""
         return self._mirror is not None
 
     def read(self, look_up: Callable[[View], Sequence[Names]]) -> View:
-        """The registrations now. Raises as Roscore.ask, and OSError where the roscore does not tell them.
+        """The registrations now. Raises as Roscore.ask, and OSError if the roscore does not report them.
 
         `look_up(view)`: the nodes and the services whose URIs are needed, of a view that has none yet.
         """
         try:
             if self._mirror is not None or self.roscore.has(CHANGES):
                 return self._read_changes()
-        except (ValueError, TypeError, Fault):  # it tells us no changes
+        except (ValueError, TypeError, Fault):  # it reports no changes
             pass
         except Exception:
             self._mirror = None  # the next one may be another roscore
@@ -121,7 +121,7 @@ class RoscoreGraph:
     def _read_whole(self, look_up: Callable[[View], Sequence[Names]]) -> View:
         types, system = self.roscore.ask(("getTopicTypes",), ("getSystemState",))
         if types is None or system is None:
-            raise OSError("the roscore does not tell its state")
+            raise OSError("the roscore does not report its state")
         state = graph_of(State("", ""), system, types)
         view = View(state.publishers, state.subscribers, state.services, state.types)
         nodes, names = look_up(view)

@@ -23,7 +23,7 @@ from .loop import Count
 SMALL = 1 << 19  # bytes of an answer, as it is sent: a larger one waits for those before it
 _HEAD = 1 << 15  # bytes of all lines of the head of an answer, and of those between its chunks
 
-RECEIVED = Count()  # bytes of the answers of others
+RECEIVED = Count()  # bytes of the answers of other programs
 
 _large, _one_at_a_time = threading.Lock(), threading.Lock()
 
@@ -35,7 +35,7 @@ class Last:
         self._digest = b""
 
     def is_again(self, question: bytes, answer: bytearray) -> bool:
-        """True where the same question had the same answer the last time."""
+        """True if the same question had the same answer the last time."""
         before, self._digest = self._digest, hashlib.sha256(b"%d %s%s" % (len(question), question, answer)).digest()
         return before == self._digest
 
@@ -49,7 +49,7 @@ class Rpc:
     def __init__(self, uri: str, timeout: float, most: int = ANSWER, own: bool = False) -> None:
         """`timeout`: seconds for connecting, and for the whole answer, of at most so many bytes. Raises OSError.
 
-        `own`: the answers of this robot's roscore have room, whatever is held of others.
+        `own`: the answers of this robot's roscore have room, whatever foreign data is held.
         """
         try:
             parsed = urllib.parse.urlsplit(uri)
@@ -83,8 +83,8 @@ class Rpc:
     ) -> Any:
         """The result of a method. Raises OSError (no answer), xmlrpc.client.Fault, or ValueError (no XML-RPC).
 
-        `read(value)` makes something smaller of a large answer before the next one is read; it may raise what it likes.
-        `last`: SAME where the answer is that one. It is not read then, which would cost more than all the rest.
+        `read(value)` makes something smaller of a large answer before the next one is read; it may raise any exception.
+        `last`: SAME if the answer is that one. It is not read then, which would cost more than all the rest.
         """
         question = xmlrpc.client.dumps(arguments, method, allow_none=True).encode()
         answer, packed = self._post(question)
@@ -114,7 +114,7 @@ class Rpc:
     def multicall(self, calls: Sequence[Tuple[Any, ...]], last: Optional[Last] = None) -> List[Any]:
         """The results of many calls, (method, argument, ...), in one request; a Fault in the place of one that failed.
 
-        `last`: as of `call`; none at all where the answer is that one.
+        `last`: as of `call`; none at all if the answer is that one.
         """
         if not calls:
             return []
@@ -230,7 +230,7 @@ class _LimitedConnection(http.client.HTTPConnection):
 
 
 class _Response(http.client.HTTPResponse):
-    """An answer whose lines (head, and between chunks) are bounded together; each one alone may have 64 KiB."""
+    """An answer whose lines (head, and between chunks) are bounded together; each single one may have 64 KiB."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)

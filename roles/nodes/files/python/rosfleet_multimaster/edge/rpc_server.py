@@ -34,7 +34,7 @@ _MAX_SECONDS = 15.0
 _KEPT, _KEPT_OF_ONE = 256, 4  # connections with a long poll; they do not count above
 _KEPT_SECONDS = 60.0 + _MAX_SECONDS  # for a question on one of these
 _COMPRESS = 700  # bytes
-# Bytes of memory of large requests and answers at once, and those of one robot; what is smaller than the third is not counted.
+# Bytes of memory of large requests and answers at once, and those of one robot; those smaller than the third are not counted.
 _MEMORY, _MEMORY_OF_ONE, _SMALL = 64 << 20, 8 << 20, 1 << 15
 _ROOM = 5.0  # seconds that a large one waits for memory
 _READ, _UNPACKED = 6, 4 << 20  # times as much memory as a request has bytes; and bytes of memory of any that is packed
@@ -103,7 +103,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         malformed: Callable[[str, str], None],
         callers: Callers = EVERYBODY,
     ) -> None:
-        """`malformed(host, why)` is called for each malformed request. Raises OSError where the port is taken."""
+        """`malformed(host, why)` is called for each malformed request. Raises OSError if the port is taken."""
         self.methods: Dict[str, Method] = dict(methods)
         self.methods["system.listMethods"] = lambda: sorted(self.methods)
         self.methods["system.methodHelp"] = lambda name: _help(self.methods.get(name))
@@ -135,7 +135,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
         return True
 
     def _begin(self, request: socket.socket, robot: str, kept: bool = False) -> bool:
-        """Count a connection of a robot, in the place of the same one that was not kept. False where there is no room."""
+        """Count a connection of a robot, in the place of the same one that was not kept. False if there is no room."""
         with self._counting:
             if not self._shares[kept].have_room(robot):
                 return False
@@ -151,7 +151,7 @@ class RpcServer(socketserver.ThreadingMixIn, socketserver.TCPServer):
             self._shares[before.kept].remove(before.robot)
 
     def keep(self, request: socket.socket) -> bool:
-        """Keep a connection for a long poll. False where there are too many."""
+        """Keep a connection for a long poll. False if there are too many."""
         before = self._open[request]
         if before.kept:
             self._open[request] = before._replace(since=monotonic())
@@ -225,7 +225,7 @@ class BoundedHandler(BaseHTTPRequestHandler):
             self.count_effort()
 
     def count_effort(self) -> None:
-        """Count what the thread of the connection has taken since the last time."""
+        """Count the time that the thread of the connection has taken since the last time."""
         before, self._counted = self._counted, processor_time()
         if self.robot is not None:
             self.throttle.spend(self.robot, self._counted - before)

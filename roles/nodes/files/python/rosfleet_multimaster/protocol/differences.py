@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Differences between two states of a master, as far as somebody may see them.
+"""Differences between two states of a master, as far as a caller may see them.
 
-The serving side remembers what each change replaced (`History`). So it knows the former and the present state of the
+The serving side remembers the rows that each change replaced (`History`). So it knows the former and the present state of the
 names that changed (`excerpt`). It makes the document of both by the rules of the caller, as it makes every document, and
-tells how they differ (`difference`). What the rules hide is in neither, so it is in no difference.
+gives their difference (`difference`). Hidden rows are in neither, so it is in no difference.
 
-The asking side replaces the rows that it is told (`applied`). Types, nodes and providers go with who used them.
+The asking side replaces the rows that it gets (`applied`). Types, nodes and providers go with who used them.
 Free of sockets, threads and clocks.
 """
 
@@ -26,7 +26,7 @@ _FIRST = 4  # element of the document that is the first part
 _USED = 3  # parts with names that are used; the other ones say more about them
 MOST_NAMES, MOST_RECORDS = 20_000, 1_000  # of a history
 
-Undo = Mapping[str, Mapping[str, Any]]  # part -> name -> what it was, None where it was not there
+Undo = Mapping[str, Mapping[str, Any]]  # part -> name -> the former value, None if it was not there
 
 
 class Names(NamedTuple):
@@ -50,7 +50,7 @@ class Difference(NamedTuple):
 
 
 def changes(before: State, after: State) -> Dict[str, Dict[str, Any]]:
-    """The changes: part -> name -> what it was. Quick where both states share their parts."""
+    """The changes: part -> name -> the former value. Quick if both states share their parts."""
     found = {}
     for part in PARTS:
         old, new = getattr(before, part), getattr(after, part)
@@ -101,7 +101,7 @@ class Stamps:
         self.last: Optional[State] = None
 
     def stamp(self, state: State, wall: float) -> State:
-        """The state with its stamps (see graph.add_stamps); the one before where nothing has changed."""
+        """The state with its stamps (see graph.add_stamps); the one before if nothing has changed."""
         self.last = add_stamps(state, self.last, wall)
         return self.last
 
@@ -114,7 +114,7 @@ class History:
 
     def __init__(self) -> None:
         self.revision = 1
-        self._records: Deque[Undo] = deque()  # what each change replaced; the last one is that of `revision`
+        self._records: Deque[Undo] = deque()  # the rows that each change replaced; the last one is that of `revision`
         self._size = 0
 
     def add(self, undo: Undo) -> None:
@@ -126,7 +126,7 @@ class History:
             self._size -= _size(self._records.popleft())
 
     def undo_since(self, revision: int) -> Optional[Undo]:
-        """The rows that all changes after this one replaced; None where it is not known any more."""
+        """The rows that all changes after this one replaced; None if it is not known any more."""
         if revision > self.revision or revision < self.revision - len(self._records):
             return None
         merged: Dict[str, Dict[str, Any]] = {}
@@ -141,13 +141,13 @@ def _size(undo: Undo) -> int:
 
 
 def difference_in_view(state: State, undo: Undo, view: Callable[[State], Sequence[Any]]) -> Optional[Difference]:
-    """The meaning of changes to somebody who sees a state as `view(state)`, a document; None where it takes the whole."""
+    """The meaning of changes to a caller who sees a state as `view(state)`, a document; None if it takes the whole."""
     names = names_of(undo, state)
     return difference(view(excerpt(state, names, undo)), view(excerpt(state, names, {})))
 
 
 def difference(before: Sequence[Any], after: Sequence[Any]) -> Optional[Difference]:
-    """The difference of two documents. None where that cannot be told: something is gone, and who used it is not."""
+    """The difference of two documents. None if that cannot be described: something is gone, and who used it is not."""
     rows_told: List[Any] = list(after[:_FIRST])
     gone: List[List[str]] = []
     used: Set[str] = set()
@@ -170,7 +170,7 @@ def empty_difference(state: State) -> Difference:
 
 
 def digest(state: State) -> str:
-    """A text that differs where the states differ in what travels of them; the stamps do not matter."""
+    """A text that differs if the states differ in the data that travels; the stamps do not matter."""
     found = hashlib.sha256()
     for part in PARTS:
         table = getattr(state, part)
@@ -190,7 +190,9 @@ def apply_difference(state: State, document: Any, gone: Any) -> State:
     lost = _parse_gone(gone)
     tables: Dict[str, Any] = {}
     for number, part in enumerate(PARTS):
-        away = {row[0] for row in document[_FIRST + number]}  # also what is not taken, such as an odd type
+        away = {
+            row[0] for row in document[_FIRST + number]
+        }  # also rows that are not taken, such as those with an odd type
         away.update(lost[number] if number < _USED else ())
         tables[part] = _merge_rows(getattr(state, part), getattr(new, part), away)
     if any(lost) or any(tables[part] is not getattr(state, part) for part in PARTS[:_USED]):
@@ -208,7 +210,7 @@ def _tidy(tables: Dict[str, Any]) -> None:
 
 
 def _merge_rows(before: Mapping[str, Any], new: Mapping[str, Any], away: Set[str]) -> Mapping[str, Any]:
-    """The rows with the new ones in their place; the same object where no row changes."""
+    """The rows with the new ones in their place; the same object if no row changes."""
     away = {name for name in away if name in before and name not in new}
     others = {name: row for name, row in new.items() if before.get(name) != row}
     if not others and not away:
@@ -221,7 +223,7 @@ def _merge_rows(before: Mapping[str, Any], new: Mapping[str, Any], away: Set[str
 
 def _parse_gone(value: Any) -> List[Set[str]]:
     if not isinstance(value, list) or len(value) != _USED:
-        raise InvalidDocument("what is gone is no array of three")
+        raise InvalidDocument("the list of withdrawn names is no array of three")
     if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in value):
-        raise InvalidDocument("what is gone are no arrays of names")
+        raise InvalidDocument("the withdrawn names are no arrays of names")
     return [set(names) for names in value]

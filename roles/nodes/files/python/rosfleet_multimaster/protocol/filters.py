@@ -5,9 +5,9 @@
 One file for the nodes and for the controller (plugins/plugin_utils/_inventory/filters.py imports it). It needs the standard
 library of Python 3.8 only.
 
-In a pattern `*` stands for any text. It matches a whole name, in upper or lower case: `/tf` matches only /tf, `/tf*`
+In a pattern `*` matches any text. It matches a whole name, in upper or lower case: `/tf` matches only /tf, `/tf*`
 matches /tf_static too. A match of such a pattern takes time in proportion to its length and that of the name, so anybody
-may write one. In the own configuration alone, everything else is a Python regular expression (so `.*` means "at least one
+may write one. Only in the own configuration, everything else is a Python regular expression (so `.*` means "at least one
 character"), and one that could take long is refused there.
 
 `Rules` mean the same as upstream's, because they travel: they are the argument of masterInfoFiltered, and the other
@@ -33,7 +33,7 @@ MAX_COST = (
 )
 UNKNOWN_TYPES = ("", "*", "None")  # written by a master that does not know the type of a topic
 _NODE = re.compile(r"/?[A-Za-z][A-Za-z0-9_/]{0,255}\Z")
-_SPECIAL = re.compile(r"[.^$+?{}\[\]\\|()]")  # makes a regular expression of what is a name with `*` else
+_SPECIAL = re.compile(r"[.^$+?{}\[\]\\|()]")  # a name with `*` that has one of these is a regular expression
 
 
 # Patterns
@@ -79,12 +79,12 @@ class Pattern:
 
     @classmethod
     def from_foreign_items(cls, items: Iterable[str], what: str) -> "Pattern":
-        """Make the pattern of a list that anybody may have written: of names with `*` alone. Raises InvalidPattern."""
+        """Make the pattern of a list that anybody may have written: only of names with `*`. Raises InvalidPattern."""
         made = cls(_strip(items, what))
         for item in filter(is_expression, made.items):
             raise InvalidPattern(
-                f"{what} has {reprlib.repr(item)}, but a name is expected, in which '*' stands for any text: a regular"
-                " expression is taken of the node's own file alone"
+                f"{what} has {reprlib.repr(item)}, but a name is expected, in which '*' matches any text: a regular"
+                " expression is taken only of the node's own file"
             )
         if made.starred > MAX_STARRED:
             raise InvalidPattern(f"{what} has more than {MAX_STARRED} characters in names with '*'")
@@ -99,7 +99,7 @@ class Pattern:
         return sum(len(item) for item in self.items if "*" in item)
 
     def matches(self, name: str) -> bool:
-        """True where the whole name matches."""
+        """True if the whole name matches."""
         if not self.items or len(name) > MAX_NAME:
             return False
         name, (whole, starred, expressions) = name.lower(), self._parts
@@ -134,12 +134,12 @@ def _strip(items: Iterable[str], what: str) -> Tuple[str, ...]:
 
 
 def is_expression(item: str) -> bool:
-    """True where a pattern is a regular expression, and no name with `*`."""
+    """True if a pattern is a regular expression, and no name with `*`."""
     return bool(_SPECIAL.search(item)) and item != NO_NAME
 
 
 def _is_match(name: str, parts: List[str]) -> bool:
-    """True where a name is made of these parts, with any text between two of them. The first place of each part will do."""
+    """True if a name is made of these parts, with any text between two of them. The first place of each part will do."""
     head, tail = parts[0], parts[-1]
     at, end = len(head), len(name) - len(tail)
     if at > end or not name.startswith(head) or not name.endswith(tail):
@@ -196,7 +196,7 @@ def _cost_of_part(operation: str, argument: Any) -> Tuple[int, int]:
 
 
 def matches(items: Iterable[str], name: str) -> bool:
-    """True where one of the patterns, as people write them, matches the name.
+    """True if one of the patterns, as people write them, matches the name.
 
     Each pattern counts by itself, and an unusable one matches nothing. In `usable`, it would spoil the whole list.
     """
@@ -217,7 +217,7 @@ def _usable(items: Tuple[str, ...]) -> Pattern:
 
 
 def secret_names(value: Any) -> Pattern:
-    """The names in /do_not_sync of a roscore, where every program may write, and it is remembered. Raises InvalidPattern."""
+    """The names in /do_not_sync of a roscore, which every program may write, and which is remembered. Raises InvalidPattern."""
     return Pattern.from_foreign_items(value if isinstance(value, list) else [value] if value else [], "/do_not_sync")
 
 
@@ -228,7 +228,7 @@ def secret_names(value: Any) -> Pattern:
 class Rules:
     """The rules of the exchange with one master.
 
-    The fields are the filters: a new one stands at the end. The first ten are the list that masterInfoFiltered takes.
+    The fields are the filters: a new one is at the end. The first ten are the list that masterInfoFiltered takes.
     """
 
     ignore_nodes: Pattern = Pattern()
@@ -243,7 +243,7 @@ class Rules:
     do_not_sync: Pattern = Pattern()
 
     def topic(self, node: str, topic: str, kind: str, publisher: bool) -> bool:
-        """True where this publisher (or subscriber) is wanted. A sync list cannot take back an ignored node."""
+        """True if this publisher (or subscriber) is wanted. A sync list cannot take back an ignored node."""
         if max(len(node), len(topic), len(kind)) > MAX_NAME:
             return False
         if self.do_not_sync and any(map(self.do_not_sync.matches, (node, topic, kind))):
@@ -257,7 +257,7 @@ class Rules:
         return not self.sync_nodes and not self.sync_topics
 
     def service(self, node: str, service: str) -> bool:
-        """True where this service is wanted. As upstream has it, `sync_topics` says nothing about services."""
+        """True if this service is wanted. As upstream has it, `sync_topics` says nothing about services."""
         if any(len(name) > MAX_NAME or self.do_not_sync.matches(name) for name in (node, service)):
             return False
         if self.ignore_nodes.matches(node) or self.ignore_services.matches(service):
@@ -267,9 +267,9 @@ class Rules:
         return not self.sync_nodes and not self.sync_services
 
     def complete_white_lists(self) -> "Rules":
-        """The same rules, where any white list restricts topics and services alike.
+        """The same rules, if any white list restricts topics and services alike.
 
-        To upstream, a white list of topics alone admits every service. So the empty one of the two lists becomes one
+        To upstream, a white list of only topics admits every service. So the empty one of the two lists becomes one
         that admits nothing.
         """
         if not any(getattr(self, name) for name in WHITE_LISTS):
@@ -285,14 +285,14 @@ WHITE_LISTS = ("sync_nodes", "sync_topics", "sync_services")
 #: Parameters of master_discovery that hide something from every other master -> the filter that each of them is.
 HIDDEN = {f"hide_{kind}": f"ignore_{kind}" for kind in ("nodes", "topics", "services", "subscribers")}
 
-#: What fkie_mas, the successor of multimaster_fkie, has beside a roscore. Its /mas_daemon starts programs for whoever calls it.
+#: The nodes and services of fkie_mas, the successor of multimaster_fkie. Its /mas_daemon starts programs for any caller.
 SUCCESSOR: Mapping[str, Sequence[str]] = {
     "ignore_nodes": ("/mas_discovery", "/mas_sync", "/mas_daemon", "/mas_zeroconf", "/mas_subscriber/*"),
     "ignore_topics": ("/mas_discovery/*", "/mas_sync/*", "/mas_daemon/*", "/mas_zeroconf/*"),
     "ignore_services": ("/mas_discovery/*", "/mas_sync/*", "/mas_daemon/*", "/mas_zeroconf/*"),
     "ignore_type": ("fkie_mas_msgs/*",),
 }
-#: Never exchanged: what belongs to the roscore and to the exchange itself.
+#: Never exchanged: names of the roscore and of the exchange itself.
 BUILT_IN: Mapping[str, Sequence[str]] = {
     "ignore_nodes": (
         "/rosout",
@@ -338,15 +338,15 @@ BUILT_IN: Mapping[str, Sequence[str]] = {
 
 @dataclass(frozen=True)
 class Filters:
-    """The filters of master_sync as they stand in its parameters, for every host."""
+    """The filters of master_sync as they are in its parameters, for every host."""
 
     values: Mapping[str, Any] = field(default_factory=dict)
     lenient: bool = False  # unusable patterns match nothing, instead of raising InvalidPattern
 
     def check(self, make: Callable[[Iterable[str], str], Pattern] = Pattern.from_items) -> None:
-        """Raise InvalidPattern with a sentence that names the parameter, where a filter is not usable.
+        """Raise InvalidPattern with a sentence that names the parameter, if a filter is not usable.
 
-        `make`: Pattern.from_foreign_items, where anybody may have set them.
+        `make`: Pattern.from_foreign_items, if anybody may have set them.
         """
         hosts = {""}
         for what, _name, host, items in self._lists():
@@ -357,7 +357,7 @@ class Filters:
             self.rules(host)
 
     def wants_host(self, host: str) -> bool:
-        """True where a master of this name is synchronised with. `sync_hosts` is a white list, beside `ignore_hosts` too."""
+        """True if a master of this name is synchronised with. `sync_hosts` is a white list, with `ignore_hosts`, too."""
         if len(host) > MAX_NAME:  # no pattern matches it, so none could ignore it
             return False
         wanted = self._pattern("sync_hosts", host)
@@ -365,7 +365,7 @@ class Filters:
 
     def rules(self, host: str, also_ignore: Sequence[str] = ()) -> Rules:
         """The rules for the master of this name. `also_ignore` are nodes that are never exchanged."""
-        # What is no name of a node is somebody's nonsense, and must not become a pattern.
+        # A text that is no name of a node makes no sense, and must not become a pattern.
         also = {
             "ignore_nodes": [node for node in also_ignore if _NODE.match(node) and node not in BUILT_IN["ignore_nodes"]]
         }

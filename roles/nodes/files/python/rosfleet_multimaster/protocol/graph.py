@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The state of a master: from the roscore's answers to the document that other masters read, and back.
 
-Locality is decided by origin. What a node of this robot registered is of this master and "local", on whichever computer
-it runs; what master_sync registered for another master carries that master's URI and is "remote".
+Locality is decided by origin. Registrations of a node of this robot are of this master and "local", on whichever computer
+it runs; registrations of master_sync for another master carry that master's URI and is "remote".
 """
 
 import math
@@ -16,20 +16,20 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Opt
 from .filters import HIDDEN, NOTHING, Pattern, Rules
 
 LOCAL, REMOTE = "local", "remote"
-END = 2**31 - 1  # seconds: what the record of a heartbeat can hold
+END = 2**31 - 1  # seconds: the limit of the record of a heartbeat
 LONGEST = 1024  # characters of a name or URI
 Endpoints = Mapping[str, Tuple[str, ...]]  # topic or service -> nodes
 Origins = Mapping[Tuple[str, str], str]  # (node, URI of the node) -> URI of the master that it is of
 
 
 class InvalidDocument(ValueError):
-    """The document is no state of a master; the text says where."""
+    """The document is no state of a master; the text names the place."""
 
 
 class Node(NamedTuple):
-    """A node, or a node as the provider of a service, and where it is from."""
+    """A node, or a node as the provider of a service, and its origin."""
 
-    uri: Optional[str]  # of the service, where it is its provider
+    uri: Optional[str]  # of the service, if it is its provider
     origin: str
     locality: str
 
@@ -41,7 +41,7 @@ class State:
     uri: str
     name: str
     stamp: float = 0.0  # wall clock, when the state was first seen as it is
-    local_stamp: float = 0.0  # the same for what is of this master
+    local_stamp: float = 0.0  # the same for the registrations of this master
     publishers: Endpoints = field(default_factory=dict)
     subscribers: Endpoints = field(default_factory=dict)
     services: Endpoints = field(default_factory=dict)
@@ -73,7 +73,7 @@ def change_users(table: Endpoints, changes: Iterable[Tuple[str, str, bool]]) -> 
 
 
 def graph_of(empty: State, system_state: Sequence[Any], topic_types: Sequence[Any]) -> State:
-    """The state of a master with its registrations alone, from the values of getSystemState and getTopicTypes."""
+    """The state of a master with only its registrations, from the values of getSystemState and getTopicTypes."""
     publishers, subscribers, services = (
         {str(name): tuple(sorted(map(str, nodes))) for name, nodes in part} for part in system_state
     )
@@ -82,7 +82,7 @@ def graph_of(empty: State, system_state: Sequence[Any], topic_types: Sequence[An
 
 
 def build(graph: State, node_uris: Mapping[str, str], service_uris: Mapping[str, str], origins: Origins) -> State:
-    """The whole state, without stamps, of one with registrations alone. `origins`: the nodes that are of other masters."""
+    """The whole state, without stamps, of one with only registrations. `origins`: the nodes that are of other masters."""
 
     def describe(node: str, uri: Optional[str]) -> Node:
         origin = origins.get((node, node_uris.get(node, "")), graph.uri)
@@ -98,7 +98,7 @@ def build(graph: State, node_uris: Mapping[str, str], service_uris: Mapping[str,
 
 
 def add_stamps(state: State, before: Optional[State], wall: float) -> State:
-    """The state with its stamps: `wall` (Unix time, seconds) where it changed, else those from before."""
+    """The state with its stamps: `wall` (Unix time, seconds) if it changed, else those from before."""
     wall = max(1.0, wall % END)
     if before is None:
         return replace(state, stamp=wall, local_stamp=wall)
@@ -123,7 +123,7 @@ def local_part(state: State) -> State:
 def keep_part(
     state: State, nodes: Mapping[str, Node], publishers: Endpoints, subscribers: Endpoints, services: Endpoints
 ) -> State:
-    """The state with these of its nodes and registrations alone, and with what it says about them."""
+    """The state with only these of its nodes and registrations, and with their data."""
     return replace(
         state,
         publishers=publishers,
@@ -136,9 +136,9 @@ def keep_part(
 
 
 def shareable_part(state: State) -> State:
-    """The part of a state that other robots may want: what is of its own master, and who else its own subscribers hear.
+    """The part of a state that other robots may want: the registrations of its own master, and the foreign publishers that its own subscribers hear.
 
-    What a master has of others is with these. In a fleet of many robots it is nearly everything that each one has.
+    Foreign registrations are among these. In a fleet of many robots it is nearly everything that each one has.
     """
     mine = local_part(state)
     if len(mine.nodes) == len(state.nodes):
@@ -152,12 +152,12 @@ def shareable_part(state: State) -> State:
     )
 
 
-# What is told to whom
+# The data for each caller
 
 
 @dataclass(frozen=True)
 class ExportPolicy:
-    """Rules about what others are told. This computer itself is told everything."""
+    """Rules about the data for others. This computer itself gets everything."""
 
     hidden: Rules = Rules()
     exports: Optional[Mapping[str, Rules]] = None  # by address, "*" for all others; None: everything to everybody
@@ -176,7 +176,7 @@ class ExportPolicy:
         return cls(hidden, None if exports is None else _rules_by_address(exports))
 
     def view(self, state: State, caller: Optional[str], also: Iterable[Rules] = ()) -> Tuple[State, List[Rules]]:
-        """The state and the rules by which a caller (an address; None for this computer) is told of it."""
+        """The state and the rules by which a caller (an address; None for this computer) sees it."""
         if caller is None:
             return state, []
         if self.exports is None:
@@ -204,7 +204,7 @@ def _export_rules(entries: Sequence[Mapping[str, Any]]) -> Rules:
 def local_types(state: State, rules: Iterable[Rules] = ()) -> Set[str]:
     """The types that own nodes have named, of topics that the rules want.
 
-    The roscore keeps the type that the last publisher named. Where only imported publishers are, that is one of theirs.
+    The roscore keeps the type that the last publisher named. If there are only imported publishers, that is one of theirs.
     """
     mine = local_part(state)
     _stamp, _local, _uri, _name, publishers, subscribers = document(mine, rules)[:6]
@@ -292,7 +292,7 @@ def parse(value: Any) -> State:
     )
 
 
-VISIBLE = re.compile(r"[!-~]{1,255}\Z")  # what types consist of, and URIs,
+VISIBLE = re.compile(r"[!-~]{1,255}\Z")  # the signs of types and URIs,
 NAME = re.compile(r"/[!-~]{1,254}\Z")  # and names: others are left out, since one odd name must not stop an exchange
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The 24-byte record that discovery nodes exchange by UDP.
 
-Little endian with explicit padding: what upstream's native structure is on x86-64 and aarch64.
+Little endian with explicit padding: the native structure of upstream on x86-64 and aarch64.
 """
 
 import struct
@@ -15,7 +15,7 @@ _MARK = b"R"
 _VERSION = 2
 _VERSION_WITH_REQUESTS = 3
 _GONE = -1
-_END = 2**31  # seconds: what a signed number of four bytes holds ends in 2038
+_END = 2**31  # seconds: a signed number of four bytes ends in 2038
 MAX_RATE = 25.5  # Hz: one byte, in tenths
 
 
@@ -24,7 +24,7 @@ class InvalidHeartbeat(ValueError):
 
 
 class Stamp(NamedTuple):
-    """A time of the sender's wall clock, as it stands in the record."""
+    """A time of the sender's wall clock, as it is in the record."""
 
     secs: int = 0
     nsecs: int = 0
@@ -45,7 +45,7 @@ class Kind(Enum):
     """The meaning of a record."""
 
     STATE = "state"  # I am here, and my state has this stamp
-    REQUEST = "request"  # tell me your state
+    REQUEST = "request"  # asks for the state
     LEAVE = "leave"  # I go
 
 
@@ -54,7 +54,7 @@ class Heartbeat(NamedTuple):
 
     kind: Kind
     rpc_port: int
-    rate: float = 0.0  # Hz, 0 where the sender promises none
+    rate: float = 0.0  # Hz, 0 if the sender promises none
     stamp: Stamp = Stamp()  # anything of the state changed
     local_stamp: Stamp = Stamp()  # something of this master changed
 

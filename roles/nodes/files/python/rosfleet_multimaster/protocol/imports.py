@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The record of imports: a parameter of the roscore that says what master_sync registered, and for whom.
+"""The record of imports: a parameter of the roscore with the registrations of master_sync, and their masters.
 
 It is JSON: {"node": name of master_sync, "uri": its URI, "imports": {URI of a master: {node: URI of the node}}}. It
 lives on the parameter server, so it lives as long as the registrations do.
@@ -34,7 +34,7 @@ class ImportRecord(NamedTuple):
 
 
 def read(text: Any) -> ImportRecord:
-    """The record in a value of the parameter server; an empty one where it is damaged."""
+    """The record in a value of the parameter server; an empty one if it is damaged."""
     try:
         found = json_text.from_json(text) if isinstance(text, str) else {}
         claims = {

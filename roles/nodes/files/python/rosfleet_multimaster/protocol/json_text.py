@@ -22,7 +22,7 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def to_json(value: Any) -> Any:
-    """The text; the value itself where the text would be long."""
+    """The text; the value itself if the text would be long."""
     text = json.dumps(value, ensure_ascii=False, separators=(",", ":"))
     return text if len(text) <= MOST else value
 

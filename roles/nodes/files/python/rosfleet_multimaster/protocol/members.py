@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who belongs to the fleet: which address may be which master, where its nodes may be, and who may ask for the state.
+"""Who belongs to the fleet: which address may be which master, the places of its nodes, and who may ask for the state.
 
-~members has the robots of the fleet. A master of one of them is this robot at its planned addresses alone, whatever
+~members has the robots of the fleet. A master of one of them is this robot only at its planned addresses, whatever
 ~strangers says. Every other computer is a stranger: allowed, or ignored. Without ~members every computer is allowed.
 """
 
@@ -61,7 +61,7 @@ class Networks:
 
 
 class Members:
-    """The robots of the fleet, and what becomes of strangers."""
+    """The robots of the fleet, and the treatment of strangers."""
 
     def __init__(self, robots: Iterable[MemberRobot] = (), strangers: str = ALLOW, allow: Iterable[str] = ()) -> None:
         self.robots = tuple(robots)
@@ -88,12 +88,12 @@ class Members:
         return self._by_address.get(address)
 
     def is_discovery(self, address: str, rpc_port: int) -> bool:
-        """True where the discovery of a robot of the fleet is planned to answer."""
+        """True if the discovery of a robot of the fleet is planned to answer."""
         member = self._by_address.get(address)
         return member is not None and member.rpc_port == rpc_port
 
     def admits(self, address: str) -> bool:
-        """True where a master at this address may be one to exchange with, though no robot of the fleet is planned there."""
+        """True if a master at this address may be one to exchange with, though no robot of the fleet is planned there."""
         return self.strangers == ALLOW or address in self.allow
 
     def knows(self, address: str) -> bool:
@@ -107,7 +107,7 @@ class Members:
         return self._by_host.get(address) or (ALLOWED if address in self.allow else STRANGERS)
 
     def find_refusal(self, uri: str, name: str, address: str) -> str:
-        """Why the master that calls itself so, at this address, is none to exchange with; empty where it is one."""
+        """Why the master that calls itself so, at this address, is none to exchange with; empty if it is one."""
         member = self.master(uri)
         if member is not None:
             if address not in member.addresses:

@@ -27,7 +27,7 @@ class AnnouncedMaster(NamedTuple):
 
 
 class LinkQuality(NamedTuple):
-    """The quality of the link to a master: per cent of the expected heartbeats, -1 where none are promised."""
+    """The quality of the link to a master: per cent of the expected heartbeats, -1 if none are promised."""
 
     name: str
     quality: float
@@ -113,7 +113,7 @@ class DiagnosticEntry(NamedTuple):
 
 
 def warning(name: str, why: str, values: List[Tuple[str, str]]) -> DiagnosticEntry:
-    """An entry that is a warning where it has values, of which not too many are shown."""
+    """An entry that is a warning if it has values, of which not too many are shown."""
     if not values:
         return DiagnosticEntry(PREFIX + name, "OK", [])
     more = [("more", f"{len(values) - VALUES} are not listed here")] if len(values) > VALUES else []

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Metrics in the text format of Prometheus, for the textfile collector of node_exporter.
 
-`FAMILIES` has all metrics. What others call themselves becomes the value of a label: plain, short and escaped, and there
+`FAMILIES` has all metrics. Names of others become values of labels: plain, short and escaped, and there
 are at most as many values as there are links that are shown (health.py).
 """
 
@@ -70,7 +70,7 @@ FAMILIES: Mapping[str, Family] = {
     "parameters": Family("gauge", _OF_LINK, "Parameters of other masters that are kept in the own roscore."),
     "refusals": Family("gauge", ("reason",), "Registrations and parameters that are refused now."),
     "refusals_total": Family("counter", ("reason",), "Registrations and parameters that were refused."),
-    "changes_received_total": Family("counter", (), "Changes that other masters told."),
+    "changes_received_total": Family("counter", (), "Changes that other masters reported."),
     "states_received_total": Family("counter", (), "Whole states that were fetched from other masters."),
     "round_seconds": Family("gauge", (), "Seconds that the last round of synchronising took."),
     "round_failures_total": Family("counter", (), "Rounds of synchronising that failed."),
@@ -79,7 +79,7 @@ FAMILIES: Mapping[str, Family] = {
     "relay_messages_total": Family("counter", _OF_TOPIC, "Messages that came to the relay."),
     "relay_bytes_total": Family("counter", _OF_TOPIC, "Bytes of messages that came to the relay."),
     "relay_dropped_total": Family(
-        "counter", _OF_TOPIC, "Messages that did not get to somebody who listened: too many, or too fast."
+        "counter", _OF_TOPIC, "Messages that did not get to a listener: too many, or too fast."
     ),
 }
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The state of the own master, kept by what its roscore tells: records in, states out.
+"""The state of the own master, kept by the changes that its roscore reports: records in, states out.
 
 The parts of a state that are as before are the same objects as before.
 Free of sockets, threads and clocks.
@@ -14,10 +14,10 @@ from .graph import InvalidDocument, Origins, State, build, change_users
 from .json_text import unpack_rows
 from .messages import KINDS
 
-CHANGES = "rosfleetChanges"  # the method by which a roscore tells its changes,
+CHANGES = "rosfleetChanges"  # the method by which a roscore reports its changes,
 REFUSED = "/rosfleet_multimaster/refused"  # and how often it has refused something, as if it were a parameter
 
-#: kind -> the types of what follows it
+#: kind -> the types of the fields after it
 _TYPES = {
     "publisher": (str, str, bool),
     "subscriber": (str, str, bool),
@@ -42,16 +42,16 @@ class Mirror:
         self._origins: Dict[Tuple[str, str], str] = {}
 
     def take_answer(self, answer: Any) -> None:
-        """Take what CHANGES answers. Raises InvalidDocument."""
+        """Take an answer of CHANGES. Raises InvalidDocument."""
         if not isinstance(answer, list) or len(answer) != 3 or answer[0] != 1:
-            raise InvalidDocument(f"the roscore does not tell its changes: {answer!r:.200}")
+            raise InvalidDocument(f"the roscore does not report its changes: {answer!r:.200}")
         epoch, revision, whole, records = answer[2]
         self.position = (epoch, revision)
         if whole or records:
             self.take(whole, unpack_rows(records))
 
     def take(self, whole: bool, records: Any) -> None:
-        """Take records; `whole`: they replace what is held. Raises InvalidDocument. Unknown kinds are left out."""
+        """Take records; `whole`: they replace those that are held. Raises InvalidDocument. Unknown kinds are left out."""
         known = _records(records)
         tables: Dict[str, Any] = {kind: {} if whole else dict(getattr(self.state, f"{kind}s")) for kind in KINDS}
         changes: Dict[str, List[Any]] = {"publisher": [], "subscriber": []}

@@ -31,11 +31,11 @@ class Settings:
 
 
 class ParameterError(ValueError):
-    """One sentence: which parameter, what was found, what is expected."""
+    """One sentence: the parameter, the found value, the expected one."""
 
 
 class Parameter(NamedTuple):
-    """A parameter: its default (None: worked out at the start) and what is accepted."""
+    """A parameter: its default (None: worked out at the start) and the accepted values."""
 
     default: Any
     kind: str
@@ -88,7 +88,7 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
     "level": ("DEBUG, INFO, WARN, ERROR or FATAL", lambda value: value in ("DEBUG", "INFO", "WARN", "ERROR", "FATAL")),
 }
 
-# Of all nodes: who belongs to the fleet, and what people are shown.
+# Of all nodes: the members of the fleet, and the output for people.
 _COMMON: Table = {
     "strangers": Parameter(ALLOW, "strangers"),
     "allow": Parameter([], "networks"),
@@ -98,7 +98,7 @@ _COMMON: Table = {
     "log_level": Parameter("INFO", "level"),
 }
 
-_SETTINGS = Settings()  # has the defaults of what the core of discovery needs
+_SETTINGS = Settings()  # has the defaults for the core of discovery
 
 DISCOVERY: Table = {
     "name": Parameter("", "text"),
@@ -145,7 +145,7 @@ RELAY: Table = {
 # Parameters of upstream that these nodes do not need, and why.
 WITHOUT_EFFECT: Mapping[str, str] = {
     "change_notification_count": "a change is always announced three times",
-    "check_host": "what belongs to this master is known by its origin",
+    "check_host": "registrations of this master are known by their origin",
     "interface_url": "filters are parameters here: give the lists themselves",
     "timeout_factor": "~offline_after says after which silence a master is offline",
 }
@@ -208,7 +208,7 @@ def _check_patience(seconds: float) -> None:
     if not (seconds <= 0 or seconds >= SHORTEST):  # not a number is neither
         raise ParameterError(
             f"~offline_after is {seconds}, but at least {SHORTEST:g} seconds are expected, or 0 for"
-            " ~active_request_after alone"
+            " only ~active_request_after"
         )
 
 
@@ -252,7 +252,7 @@ _CHANNEL: Mapping[str, str] = {
     "whole": "texts",  # types, and packages (x/*), of which each message replaces the one before
     "newest": "flag",
     "frames": "text",  # in front of those of the robot with the inner names; empty: none is changed
-    "world": "text",  # a frame of all, below which that robot's root lies; empty: the relay says nothing of it
+    "world": "text",  # a frame of all, above that robot's root; empty: the relay says nothing of it
     "root": "text",
 }
 
@@ -293,7 +293,7 @@ _ENTRIES = (("members", _check_member), ("exports", _check_export), ("channels",
 
 CROSSING = 100  # names from one robot
 _CROSSING_NAME = re.compile(r"(?:/[A-Za-z][A-Za-z0-9_]*)+")
-#: Never copied, and nothing in them: they say what this roscore is, what time it is here, or what the nodes of the exchange are to do.
+#: Never copied, and nothing in them: they describe this roscore, the time here, or the work of the nodes of the exchange.
 NEVER_CROSSING = (
     "/run_id",
     "/rosversion",
@@ -309,7 +309,7 @@ NEVER_CROSSING = (
 
 
 def problem_of_parameter(name: Any) -> str:
-    """Why no parameter of this name crosses; empty where it may."""
+    """Why no parameter of this name crosses; empty if it may."""
     if not isinstance(name, str) or len(name) > 255 or not _CROSSING_NAME.fullmatch(name):
         return "it is no whole name such as /robot_description"
     if "/" + name.split("/")[1] in NEVER_CROSSING:
@@ -318,7 +318,7 @@ def problem_of_parameter(name: Any) -> str:
 
 
 def _check_crossing(entries: Sequence[Mapping[str, Any]]) -> None:
-    """Raise ParameterError where an entry cannot be meant, or where two want one name."""
+    """Raise ParameterError if an entry cannot be meant, or if two want one name."""
     everything: List[str] = []
     sources = [(entry.get("from"), entry.get("as", "")) for entry in entries]
     for number, entry in enumerate(entries, 1):

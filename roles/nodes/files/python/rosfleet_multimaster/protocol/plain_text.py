@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Text of others, made plain: what strangers write must not steer a terminal, a journal or systemd.
+"""Foreign text, made plain: a text of strangers must not steer a terminal, a journal or systemd.
 
 One file for three trees: the controller imports it (plugins/plugin_utils/_base/plain_text.py), the modules have a copy
 (plugins/module_utils/_base/plain_text.py; `make copies`). So it runs on Python 3.6 and needs nothing.
@@ -10,7 +10,7 @@ One file for three trees: the controller imports it (plugins/plugin_utils/_base/
 import re
 import typing
 
-LONGEST = 200  # characters of a text that somebody else wrote
+LONGEST = 200  # characters of a foreign text
 LINE = 2000  # characters of a line of ours that quotes such texts
 VALUE = 65536  # characters of a value that a program reads: names and paths stay whole
 CUT = "..."  # the sign that more was there
@@ -21,8 +21,8 @@ _INVISIBLE = re.compile(
 )
 
 
-# What stands in a sentence without quotes: a name, an address, a URI or a time. Each has a character that no word of a sentence
-# has. So `none`, `PASSED` and `ok=1` are none of these, also where something has such a name.
+# Texts that are in a sentence without quotes: a name, an address, a URI or a time. Each has a character that no word of a sentence
+# has. So `none`, `PASSED` and `ok=1` are none of these, also if something has such a name.
 _NAME = re.compile(
     r"""
     (?= .* [0-9_/.@~] )
@@ -56,7 +56,7 @@ def plain(value: typing.Any, most: int = LONGEST) -> str:
 
 
 def _cut(text: str, most: int) -> str:
-    """The beginning of a text. A quotation that is open there is closed, so what follows is not read as a part of it."""
+    """The beginning of a text. A quotation that is open there is closed, so the next words are not read as a part of it."""
     head = text[: max(most - len(CUT), 0)]
     if head.count('"') % 2 == 0:
         return head + CUT
@@ -65,10 +65,10 @@ def _cut(text: str, most: int) -> str:
 
 
 def quote(value: typing.Any, most: int = LONGEST) -> str:
-    """A name or a text of others as it stands in a sentence of ours, so that nothing in it is taken for one.
+    """A name or a foreign text as it is in a sentence of ours, so that nothing in it is taken for one.
 
-    A name is itself, where it has the form of one. Everything else stands in quotes, and has none in it: a name with blanks or
-    of letters alone, a reason, a message. What is quoted already stays as it is.
+    A name is itself, if it has the form of one. Everything else is in quotes, and has none in it: a name with blanks or
+    of only letters, a reason, a message. A text that is quoted already stays as it is.
     """
     text = str(value)
     if not text or (len(text) <= _NAME_LENGTH and _NAME.fullmatch(text)):
@@ -78,7 +78,7 @@ def quote(value: typing.Any, most: int = LONGEST) -> str:
 
 
 def plain_lines(value: typing.Any, most: int = LINE) -> str:
-    """A text of several lines, each of printable characters and tabs only; what else is in it is shown as an escape."""
+    """A text of several lines, each of printable characters and tabs only; others are shown as an escape."""
     return "\n".join(_plain_line(line, most) for line in str(value).split("\n"))
 
 
@@ -99,7 +99,7 @@ def change_texts(value: typing.Any, change: typing.Callable[[str], str]) -> typi
 
 
 def is_plain(text: str, most: int = VALUE) -> bool:
-    """True where a text is on one line, printable and not too long: names that are not are refused, never changed."""
+    """True if a text is on one line, printable and not too long: names that are not are refused, never changed."""
     return len(text) <= most and text.isprintable() and not _INVISIBLE.search(text)
 
 

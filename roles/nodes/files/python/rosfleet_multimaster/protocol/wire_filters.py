@@ -5,7 +5,7 @@
 On the way each filter is the text of a regular expression, since upstream compiles it: its patterns, each anchored, as
 alternatives. Nothing of that is compiled here. A text of exactly the form that the patterns of names with `*` get, here and
 upstream, is read back into these: `\\A/tf.*\\Z|\\A/map\\Z` is `/tf*` and `/map`. Of any other text nothing is known, and it
-stands for no filter: who asks applies all of its rules itself to what it gets, so more travels, and nothing is lost. It is
+means no filter: the caller applies all of its rules itself to its answer, so more travels, and nothing is lost. It is
 so for an ignore list, of which less is ignored then. White lists restrict each other's names (a name that is in one of them
 is wanted), so with one of them all are left out.
 """
@@ -22,7 +22,7 @@ _BEGIN, _END, _ANY = ("\\A", "^"), ("\\Z", "$"), ".*"  # an anchored pattern, an
 def write_rules(rules: Rules, sync_remote_nodes: bool) -> List[Any]:
     """The list that masterInfoFiltered takes.
 
-    It has the names with `*` alone, and not more than another computer takes of them. All rules are applied again here.
+    It has only the names with `*`, and not more than another computer takes of them. All rules are applied again here.
     """
     patterns: Dict[str, Optional[Pattern]] = {}
     for name in _ON_THE_WIRE:
@@ -55,7 +55,7 @@ def read_pattern(text: str) -> Optional[Pattern]:
 
 
 def _read_item(part: str) -> str:
-    """The pattern in one alternative, "" where it has another form."""
+    """The pattern in one alternative, "" if it has another form."""
     begin = next(filter(part.startswith, _BEGIN), "")
     end = next(filter(part.endswith, _END), "")
     inner = part[len(begin) : len(part) - len(end)]

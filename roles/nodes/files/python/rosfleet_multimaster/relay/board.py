@@ -10,7 +10,7 @@ from .core.channels import Offer
 
 
 class OfferBoard:
-    """The offers to each other relay; nothing is told before the own roscore was read."""
+    """The offers to each other relay; nothing is offered before the own roscore was read."""
 
     def __init__(self) -> None:
         self._epoch, self._count = os.urandom(8).hex(), 0
@@ -18,7 +18,7 @@ class OfferBoard:
         self._changed = threading.Condition()
 
     def update(self, robot: str, offers: List[Offer]) -> None:
-        """Say what a robot is offered now."""
+        """Set the present offers to a robot."""
         with self._changed:
             if robot not in self._known or offers != self._known[robot][1]:
                 self._count += 1

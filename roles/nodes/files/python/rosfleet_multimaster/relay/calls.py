@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Calls of services on their way: bytes are copied between two connections until one of the two ends.
 
-A call may be silent for long: a provider works, or a client keeps its connection for later. Where there are too many of one
+A call may be silent for long: a provider works, or a client keeps its connection for later. If there are too many of one
 party, the one of it that is silent longest ends for a new one.
 """
 
@@ -19,14 +19,14 @@ from .wire import keep_alive
 PIECE = 1 << 14  # bytes at once, and all that is held in each direction
 MOST, MOST_OF_ONE = 200, 50  # calls at once, and those of one party
 SILENT = 60.0  # seconds of silence after which a call ends for a new one
-IDLE = 3600.0  # the same where nobody wants its place
+IDLE = 3600.0  # the same if nobody wants its place
 
 
 class _End:
-    """One of the two connections of a call. What comes on it waits until the other one has taken what came before."""
+    """One of the two connections of a call. Incoming bytes wait until the other one has taken the earlier ones."""
 
     def __init__(self, call: "Call", loop: Loop, connection: socket.socket) -> None:
-        self.connection, self.pending = connection, b""  # what is to be sent here
+        self.connection, self.pending = connection, b""  # the bytes to send here
         self._call, self._loop = call, loop
         self._waiting = False  # for the turn of its robot
         connection.setblocking(False)
@@ -34,12 +34,12 @@ class _End:
             keep_alive(connection)
 
     def watch(self, is_read: bool) -> None:
-        """Have the loop call for what can be done here. `is_read`: what comes is wanted now."""
+        """Have the loop call if something can be done here. `is_read`: incoming bytes are wanted now."""
         wanted = not self._waiting
         self._loop.watch_events(self.connection, self._on_ready, wanted and is_read, wanted and bool(self.pending))
 
     def flush(self) -> None:
-        """Send what is to be sent, as far as it goes. Raises OSError."""
+        """Send the waiting bytes, as far as it goes. Raises OSError."""
         with contextlib.suppress(BlockingIOError):
             self.pending = self.pending[self.connection.send(self.pending) :]
 
@@ -68,7 +68,7 @@ class Call:
         first: bytes,
         on_end: Callable[["Call"], None],
     ) -> None:
-        """`account`: of the other robot; `first`: what goes to the provider before all else."""
+        """`account`: of the other robot; `first`: bytes that go to the provider before all others."""
         self.account, self.party, self.client = account, party, client
         self.size, self.heard, self.ended = len(first) + 2 * PIECE, monotonic(), False
         self._loop, self._first, self._on_end = loop, first, on_end
@@ -85,7 +85,7 @@ class Call:
         self.copy(self._ends[1])
 
     def copy(self, end: _End) -> None:
-        """Send what is to be sent at one end, and take what has come there."""
+        """Send the waiting bytes at one end, and take those that have come there."""
         if self.ended or self._ends is None:
             return
         began, other = processor_time(), self._ends[0] if end is self._ends[1] else self._ends[1]
@@ -101,7 +101,7 @@ class Call:
             other.watch(not end.pending)
 
     def _take(self, end: _End, other: _End) -> None:
-        """Hand on what has come. Raises OSError."""
+        """Hand on the bytes that have come. Raises OSError."""
         try:
             other.pending = end.connection.recv(PIECE)
         except BlockingIOError:
@@ -132,7 +132,7 @@ class Calls:
         self._open: Set[Call] = set()
 
     def begin(self, account: Account, party: str, client: socket.socket, first: bytes) -> Optional[Call]:
-        """Begin a call; None where there are too many of the party, or they hold too much."""
+        """Begin a call; None if there are too many of the party, or they hold too much."""
         if not self._shares.have_room(party):
             self._end_silent(party)
         size = len(first) + 2 * PIECE

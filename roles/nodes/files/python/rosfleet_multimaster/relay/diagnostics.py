@@ -22,11 +22,11 @@ class DiagnosticsPublisher:
         self._header = {"type": kind._type, "md5sum": kind._md5sum, "message_definition": kind._full_text}
 
     def has_listeners(self) -> bool:
-        """True where a node has subscribed."""
+        """True if a node has subscribed."""
         return self._feed.has_sinks
 
     def publish(self, parts: Sequence[DiagnosticEntry], now: float, robot: str) -> None:
         """Publish these entries of a robot; the last message stays for who comes later. `now` is the wall clock."""
         hardware = "/".join(filter(None, (robot, find_own_host())))
         message = diagnostic_classes.build_array(self._classes, parts, now, hardware)
-        self._feed.tell(self._header, diagnostic_classes.serialize(message))
+        self._feed.publish(self._header, diagnostic_classes.serialize(message))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Connections: to a publisher, which is a node (wiki.ros.org/ROS/Slave_API) or another relay, and those of others.
+"""Connections: to a publisher, which is a node (wiki.ros.org/ROS/Slave_API) or another relay, and incoming ones.
 
 To connect may block.
 """
@@ -27,7 +27,7 @@ MOST = 300  # connections for topics to one robot
 class Dialers:
     """Has connections made in threads, a few at a time for each robot and each place. So who does not answer holds nobody up but itself.
 
-    Places that have not answered wait behind the others of their robot. Used in the loop alone.
+    Places that have not answered wait behind the others of their robot. Used only in the loop.
     """
 
     def __init__(self, loop: Loop, own: str, robots: Collection[str]) -> None:
@@ -80,9 +80,9 @@ class Dialers:
 
 
 def dial_node(uri: str, own: str, topic: str, hosts: Container[str]) -> socket.socket:
-    """Return a connection to a node of this robot that publishes a topic. Raises OSError or ValueError, and Fault where it refuses.
+    """Return a connection to a node of this robot that publishes a topic. Raises OSError or ValueError, and Fault if it refuses.
 
-    `hosts`: of this robot. A node says itself where its messages are to be had.
+    `hosts`: of this robot. A node names the address of its messages itself.
     """
     host, port = place_of(uri)
     rpc = Rpc(f"http://{_find_address(host, hosts)}:{port}/", SECONDS, SMALL)

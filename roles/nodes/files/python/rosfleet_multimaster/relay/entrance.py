@@ -24,15 +24,15 @@ from .parties import NAME, NODE, ROBOT, Parties
 from .taken import TakenSide
 from .wire import PATIENCE, Wire
 
-MOST_WIRES, MOST_NEW = 1000, 200  # connections of others, and those without a header
+MOST_WIRES, MOST_NEW = 1000, 200  # incoming connections, and those without a header
 MOST_WIRES_OF_ONE, MOST_NEW_OF_ONE = 400, 50  # of one other robot
 ACCEPTS = 16  # connections that are taken in one turn of the loop
-AGAIN = 0.1  # seconds until connections are taken again where there were no more files
-MOST_FIRST = 1 << 15  # bytes of a call that wait for its provider: its header, and what came with it
+AGAIN = 0.1  # seconds until connections are taken again if there were no more files
+MOST_FIRST = 1 << 15  # bytes of a call that wait for its provider: its header, and the bytes that came with it
 
 
 class Entrance:
-    """The connections of others."""
+    """The incoming connections."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class Entrance:
         on_change: Callable[[], None],
         request_look: Callable[[float], None],
     ) -> None:
-        """`sides`: the two, and what this node itself publishes. `on_change()`: who listens has changed. `request_look(time)`: call `tick` then."""
+        """`sides`: the two, and the own topics of this node. `on_change()`: the listeners have changed. `request_look(time)`: call `tick` then."""
         self._loop, self._parties, self._rules, self._accounts, self._limited = loop, parties, rules, accounts, limited
         self._dialers, (self._given, self._taken, self._own) = dialers, sides
         self._on_change, self._request_look = on_change, request_look
@@ -67,18 +67,18 @@ class Entrance:
         self._loop.watch(self._listener, self._accept)
 
     def tick(self, now: float) -> None:
-        """End what takes too long."""
+        """End connections that take too long."""
         self._calls.tick(now)
         for wire in [wire for wire in self._wires if wire.header is None and now - wire.since > PATIENCE]:
             wire.end()
 
     def reopen(self, now: float) -> None:
-        """Take connections again, where there were no more files a while ago."""
+        """Take connections again, if there were no more files a while ago."""
         if self._listens_at and now >= self._listens_at:
             self._listens_at = 0.0
             self.open()
 
-    def tell_malformed(self, host: str, why: str) -> None:
+    def report_malformed(self, host: str, why: str) -> None:
         """Log a request or a connection that is refused."""
         self._limited.say("warning", f"malformed {host}", f"a request of {host} is refused: {quote(why)}")
 
@@ -89,7 +89,7 @@ class Entrance:
                 return
 
     def _accept_one(self) -> bool:
-        """Take a connection; False where none waits."""
+        """Take a connection; False if none waits."""
         try:
             connection, (address, _port) = self._listener.accept()
         except BlockingIOError:
@@ -105,7 +105,7 @@ class Entrance:
             refusal = "too many connections of its robot at once"
         if refusal:
             connection.close()
-            self.tell_malformed(address, refusal)
+            self.report_malformed(address, refusal)
         else:
             self._begin(connection, robot)
         return True

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A topic on its way: connections to those who publish it, while somebody listens, and to those who listen.
+"""A topic on its way: connections to its publishers, while there are listeners, and to the listeners.
 
-What comes on any of the first goes to all of the second. A latched publisher's last message is for each who comes later.
+A message on any of the first goes to all of the second. A latched publisher's last message is for later listeners, too.
 """
 
 from functools import partial
@@ -36,7 +36,7 @@ def ask_for(node: str, topic: str) -> Fields:
 
 
 class BusLink(NamedTuple):
-    """A connection, as getBusInfo and getBusStats tell it (wiki.ros.org/ROS/Slave_API)."""
+    """A connection, as getBusInfo and getBusStats report it (wiki.ros.org/ROS/Slave_API)."""
 
     number: int
     peer: str  # the URI of a publisher, or the name of who listens
@@ -48,7 +48,7 @@ class BusLink(NamedTuple):
 
 
 class Origin(NamedTuple):
-    """How a publisher is reached, and what becomes of its messages."""
+    """The way to a publisher, and the treatment of its messages."""
 
     dial: Dial
     uri: str  # of its slave API
@@ -83,11 +83,11 @@ class _Source:
 
 
 class _Sink:
-    """Somebody who listens."""
+    """A listener."""
 
     def __init__(self, wire: Wire, answer: Fields, rate: Rate) -> None:
         self.wire, self.answer, self.rate = wire, answer, rate
-        self.md5sum = ""  # that it was told; empty before it has its header
+        self.md5sum = ""  # that it got; empty before it has its header
 
 
 class TopicFeed:
@@ -111,12 +111,12 @@ class TopicFeed:
         self._budget, self._request_tick, self._of_one = budget, request_tick, of_one
         self._sources: Dict[Hashable, _Source] = {}
         self._sinks: Dict[Wire, _Sink] = {}
-        self._own: Optional[Tuple[Fields, bytes]] = None  # what this node itself publishes: header and last message
+        self._own: Optional[Tuple[Fields, bytes]] = None  # the topic of this node itself: header and last message
         self.messages = self.size = self.dropped = 0
 
     @property
     def has_sinks(self) -> bool:
-        """True while somebody listens."""
+        """True while there is a listener."""
         return bool(self._sinks)
 
     @property
@@ -125,7 +125,7 @@ class TopicFeed:
         return next((source.problem for source in self._sources.values() if source.problem), "")
 
     def aim(self, sources: Mapping[Hashable, Origin]) -> None:
-        """Say which publishers there are, by keys that say where they are: what is known already stays."""
+        """Set the publishers, by keys that name their places: known ones stay."""
         for key in [key for key in self._sources if key not in sources]:
             self._close(self._sources.pop(key))
         for key, origin in sources.items():
@@ -133,7 +133,7 @@ class TopicFeed:
                 self._sources[key] = _Source(origin)
         self._request_tick(0.0)
 
-    def tell(self, header: Fields, message: bytes) -> None:
+    def publish(self, header: Fields, message: bytes) -> None:
         """Publish a message of this node itself. The last one is for each who comes later."""
         self._own = (header, message)
         for sink in list(self._sinks.values()):
@@ -178,12 +178,12 @@ class TopicFeed:
         return links
 
     def count_dropped(self) -> int:
-        """How many messages did not get to somebody who listened: too many, too fast or too long."""
+        """The number of messages that did not get to a listener: too many, too fast or too long."""
         now = sum(sink.wire.outbox.dropped + sink.wire.throttle.dropped for sink in self._sinks.values())
         return self.dropped + now + sum(of.wire.count_skipped() for of in self._sources.values() if of.wire is not None)
 
     def tick(self, now: float) -> None:
-        """Connect and send what is due."""
+        """Connect and send all that is due."""
         for source in self._sources.values():
             if not self._sinks:
                 self._close(source)
@@ -302,7 +302,7 @@ class TopicFeed:
         is_kept = self._budget.latch(source.origin.account.robot, source.latched, message)
         source.latched = message if is_kept else None
         if not is_kept:
-            text = f"{self.topic}: the last message of a latched publisher is not kept for who comes later; there are too many such bytes"
+            text = f"{self.topic}: the last message of a latched publisher is not kept for later listeners; there are too many such bytes"
             self._limited.say("warning", f"latched {self.topic}", text)
 
     def _on_end(self, source: _Source, wire: Wire, why: str) -> None:
@@ -349,7 +349,7 @@ class TopicFeed:
         return own + [source.header for source in self._sources.values() if source.header is not None]
 
     def _open(self, sink: _Sink) -> None:
-        """Give somebody who listens its header, as soon as there is one, and what was latched."""
+        """Give a listener its header, as soon as there is one, and the latched messages."""
         header = None if sink.md5sum else self._choose_header(sink)
         if header is None:
             return
@@ -372,7 +372,7 @@ class TopicFeed:
         if kind:
             text = f"{quote(self.topic)} crosses without its rate: it is not known that a message of {quote(kind)} replaces the one before"
             self._limited.say(
-                "warning", f"rate {self.topic}", f"{text}; if it does, have 'whole: [{plain(kind)}]' beside 'rate'"
+                "warning", f"rate {self.topic}", f"{text}; if it does, add 'whole: [{plain(kind)}]' to 'rate'"
             )
 
     def _choose_header(self, sink: _Sink) -> Optional[Fields]:

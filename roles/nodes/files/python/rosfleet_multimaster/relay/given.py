@@ -46,11 +46,11 @@ class Reader:
 
     @property
     def is_told(self) -> bool:
-        """True if the roscore tells its changes, so to read it costs little."""
+        """True if the roscore reports its changes, so to read it costs little."""
         return self._graph.guards_names
 
     def read(self) -> Found:
-        """Read what is registered, and which nodes were brought by master_sync."""
+        """Read the registrations, and the nodes that master_sync has brought."""
         view, last = self._graph.read(self._list_unknown), self._last
         same = view.publishers is last.publishers and view.services is last.services
         # a node of another robot that was started again has another URI
@@ -61,7 +61,7 @@ class Reader:
         return replace(view, subscribers={}), self._claims  # who only listens changes nothing here
 
     def _list_unknown(self, found: View) -> Tuple[List[str], List[str]]:
-        """The nodes and services whose URIs are needed, of a roscore that does not tell them."""
+        """The nodes and services whose URIs are needed, of a roscore that does not list them."""
         tables, channels = ((TOPIC, found.publishers), (SERVICE, found.services)), self._parties.channels
         wanted = [
             (kind, name, users)
@@ -75,7 +75,7 @@ class Reader:
 
 
 class GivenSide:
-    """The own topics and services, what the other relays are told of them, and a feed for each that one of these wants."""
+    """The own topics and services, the offers to the other relays, and a feed for each that one of these wants."""
 
     def __init__(
         self, parties: Parties, board: OfferBoard, accounts: Accounts, limited: program.LimitedLog, make_feed: MakeFeed
@@ -94,7 +94,7 @@ class GivenSide:
         return self.seen is not NOTHING
 
     def take(self, found: Found) -> bool:
-        """Take a reading. False where it is the last one again."""
+        """Take a reading. False if it is the last one again."""
         seen, claims = found
         ours = OwnNodes(self._parties.hosts, claims)
         topics, services = (list_own(table, seen.node_uris, NAME, ours) for table in (seen.publishers, seen.services))
@@ -103,7 +103,7 @@ class GivenSide:
         if (topics, services, seen, claims) == last and self.is_known:
             return False
         self._topics, self._services, self.seen, self._claims = topics, services, seen, claims
-        self._tell_unplanned(ours)
+        self._report_unplanned(ours)
         for robot in self._parties.peers:
             channels = self._parties.list_channels(robot)
             self._board.update(robot, list_offers(channels, topics, services, seen.types, NAME))
@@ -129,7 +129,7 @@ class GivenSide:
         nodes = self.seen.services.get(service, ())
         return any(node != NAME and (node, uris.get(node, "")) not in self._claims for node in nodes)
 
-    def _tell_unplanned(self, ours: OwnNodes) -> None:
+    def _report_unplanned(self, ours: OwnNodes) -> None:
         """Log whose topics and services stay here, since their computer is in no plan."""
         hosts = self._parties.hosts
         unplanned = {
@@ -147,7 +147,7 @@ class GivenSide:
     # Other relays, which ask
 
     def find_feed(self, wire: Wire, robot: str, name: str, node: str) -> Tuple[Optional[TopicFeed], Rate]:
-        """Return the feed that another relay wants, and its rate; None where it may not have it."""
+        """Return the feed that another relay wants, and its rate; None if it may not have it."""
         for channel in self._parties.list_channels_of(robot, wire.address):
             topic = channel.find_local(TOPIC, name, given=True)
             its_own = node == NAME and topic == STATIC and channel.has_root
@@ -157,7 +157,7 @@ class GivenSide:
                 if feed is None:
                     feed = self.feeds[topic, node, frames] = self._make_feed(topic, True)
                     if its_own and frames is not None:
-                        feed.tell(*frames.make_root())
+                        feed.publish(*frames.make_root())
                 if not its_own:
                     self._aim_at_node(feed, topic, node, frames)
                 wire.limit_silence()

@@ -41,7 +41,7 @@ class SlaveApi:
             "getMasterUri": lambda caller: [1, "", self._master],
             "getPublications": lambda caller: [1, "", sorted(map(list, self.published.items()))],
             "getSubscriptions": lambda caller: [1, "", sorted(map(list, self.subscribed.items()))],
-            "getBusInfo": lambda caller: [1, "", [list(_tell(link)) for link in self._links()]],
+            "getBusInfo": lambda caller: [1, "", [list(_describe_link(link)) for link in self._links()]],
             "getBusStats": lambda caller: [1, "", self._count_bytes()],
             "shutdown": PerCaller(self._shut_down),
         }
@@ -78,7 +78,7 @@ class SlaveApi:
         return [1, "", 0]
 
 
-def _tell(link: BusLink) -> Tuple[Any, ...]:
+def _describe_link(link: BusLink) -> Tuple[Any, ...]:
     return link.number, link.peer, "i" if link.inward else "o", "TCPROS", link.topic, 1, link.title
 
 
@@ -98,12 +98,12 @@ class Registrar:
         self._asked_at = self._rests_until = 0.0  # it asks half of the time at most, whatever others offer
 
     def want(self, wanted: Dict[Key, str]) -> None:
-        """Say what is to be registered, with its type."""
+        """Set the names to register, with their types."""
         if wanted != self._wanted:
             self._wanted, self._due = dict(wanted), 0.0
 
     def begin_again(self) -> None:
-        """Register everything: the roscore may have forgotten it, also what is being registered."""
+        """Register everything: the roscore may have forgotten it, also the names that are being registered."""
         self._made, self._due, self._stale = {}, 0.0, self._busy
 
     def withdraw(self) -> None:
@@ -113,7 +113,7 @@ class Registrar:
             Roscore(self._roscore.rpc.uri, self._roscore.caller, WITHDRAWAL).ask(*calls)
 
     def tick(self, now: float) -> Optional[float]:
-        """Register what is due; the time of the next call."""
+        """Register all that is due; the time of the next call."""
         if self._busy or self._wanted == self._made:
             return None
         due = max(self._due, self._rests_until)

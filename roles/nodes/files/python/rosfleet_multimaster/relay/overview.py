@@ -24,7 +24,7 @@ SLOWED = "its messages take more of the processor than its share, and wait"
 
 
 class Overview:
-    """Counts what all feeds have passed, and shows it where it is due."""
+    """Counts the messages of all feeds, and shows the figures if they are due."""
 
     def __init__(
         self,
@@ -38,7 +38,7 @@ class Overview:
         parties: Parties,
         accounts: Accounts,
     ) -> None:
-        """`values`: the parameters of the node; `uri`: of the own roscore; `own`: feeds of what this node itself publishes."""
+        """`values`: the parameters of the node; `uri`: of the own roscore; `own`: feeds of the topics of this node itself."""
         self._given, self._taken, self._parties, self._accounts = given, taken, parties, accounts
         self._slowed: List[str] = []  # robots whose messages cost too much
         self._states = RecurringJob(DirectRunner(), lambda: STATUS, self._say_status)
@@ -47,12 +47,12 @@ class Overview:
             self._display.open(partial(diagnostics.DiagnosticsPublisher, feed))
 
     def tick(self, now: float) -> Optional[float]:
-        """Show what is due; the time of the next look."""
+        """Show all that is due; the time of the next look."""
         due = [self._states.tick(now), self._display.tick(now)]
         return min((time for time in due if time is not None), default=None)
 
     def end(self) -> None:
-        """Take back what is shown."""
+        """Take back the shown entries."""
         self._display.end()
 
     def list_feeds(self) -> List[TopicFeed]:
@@ -77,4 +77,4 @@ class Overview:
         before, self._slowed = self._slowed, self._accounts.list_slowed()
         for robot in sorted(set(self._slowed) - set(before)):
             program.LOG.warning("%s: %s", robot or OTHERS, SLOWED)
-        notify(f"STATUS={self._make_entries()[0].message}; {self._taken.count_here()} topics of others are here")
+        notify(f"STATUS={self._make_entries()[0].message}; {self._taken.count_here()} topics of other robots are here")

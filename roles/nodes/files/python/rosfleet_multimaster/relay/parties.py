@@ -59,7 +59,7 @@ class Parties:
         return self.robot if self.is_here(address) else self._robots.get(address, NOBODY)
 
     def is_peer(self, robot: Any, address: str) -> bool:
-        """True where the relay of a robot asks, by one of its addresses."""
+        """True if the relay of a robot asks, by one of its addresses."""
         return isinstance(robot, str) and robot in self.peers and address in self.peers[robot].hosts
 
     def list_channels(self, robot: str) -> List[Channel]:

@@ -17,7 +17,7 @@ from .peers import Offers
 
 
 class TakenSide:
-    """The offers of all other relays, and what becomes of them here."""
+    """The offers of all other relays, and their use here."""
 
     def __init__(
         self,
@@ -32,11 +32,11 @@ class TakenSide:
         self._make_feed, self._own = make_feed, own
         self.offers: Dict[str, Offers] = {}  # by robot
         self.providers: Dict[str, Provider] = {}  # service -> how the relay that has it is reached
-        self.published = dict(own)  # topic -> its type, as the own roscore is told
+        self.published = dict(own)  # topic -> its type, as it is registered at the own roscore
         self.feeds: Dict[str, TopicFeed] = {}  # topic -> for listeners of this robot
 
     def take(self, robot: str, offers: Optional[Offers], why: str) -> bool:
-        """Take the offers of a robot; None: its relay does not answer, and why. False where nothing has changed."""
+        """Take the offers of a robot; None: its relay does not answer, and why. False if nothing has changed."""
         if offers is not None:
             self.offers[robot] = offers
         else:
@@ -78,10 +78,10 @@ class TakenSide:
             self.feeds[topic].aim(sources[topic])
 
     def forget_idle(self, feed: TopicFeed) -> None:
-        """Forget a topic of others that nobody publishes any more, as soon as nobody listens."""
+        """Forget a topic of other robots that nobody publishes any more, as soon as nobody listens."""
         if self.feeds.get(feed.topic) is feed and feed.topic not in self.published and not feed.has_sinks:
             del self.feeds[feed.topic]
 
     def count_here(self) -> int:
-        """How many topics of others are here."""
+        """The number of topics of other robots."""
         return len(self.feeds.keys() & self.published.keys())

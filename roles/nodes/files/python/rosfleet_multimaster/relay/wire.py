@@ -23,7 +23,7 @@ _READ, _READ_FIRST = 1 << 18, 1 << 14
 #: bytes that the kernel keeps of a connection of which only the newest message counts
 _SMALL_BUFFER = 1 << 16
 SILENCE = 10.0  # seconds without an acknowledgement
-#: the same where nothing is sent: the kernel asks after 4 s, and ends the connection after three questions
+#: the same if nothing is sent: the kernel asks after 4 s, and ends the connection after three questions
 _ALIVE = {socket.TCP_KEEPIDLE: 4, socket.TCP_KEEPINTVL: 2, socket.TCP_KEEPCNT: 3}
 
 
@@ -38,7 +38,7 @@ def keep_alive(connection: socket.socket) -> None:
 
 
 class Wire:
-    """One connection. What comes, and its end, are told by callbacks in the loop."""
+    """One connection. Its messages and its end are reported by callbacks in the loop."""
 
     def __init__(
         self,
@@ -50,14 +50,14 @@ class Wire:
         on_end: Callable[["Wire", str], None],
     ) -> None:
         """`account`: of the robot at the other end. `on_message`: None for one that listens here, and has nothing to say after its header."""
-        address, port = connection.getpeername()[:2]  # of the other end. Raises OSError where it has gone.
+        address, port = connection.getpeername()[:2]  # of the other end. Raises OSError if it has gone.
         self.address, self.number = str(address), next(_numbers)
         #: as rospy says it in getBusInfo
         self.title = f"TCPROS connection on port {connection.getsockname()[1]} to [{address}:{port} on socket {connection.fileno()}]"
         self.header: Optional[Dict[str, str]] = None  # of the other end
         self.account, self._budget = account, account.budget
         self.outbox, self.ended = Outbox(self._budget), False
-        self.throttle: AnyThrottle = RateLimit(0.0)  # what waits for the rate of what is sent
+        self.throttle: AnyThrottle = RateLimit(0.0)  # messages that wait for the rate of sending
         self.since = self.progress = self._came = monotonic()
         self._loop, self.connection = loop, connection
         self._on_header, self._on_message, self._on_end = on_header, on_message, on_end
@@ -65,7 +65,7 @@ class Wire:
         self._kept = 0  # bytes that stay until its end
         self._counted = 0  # bytes of the message that is being read
         self._watched = False  # for being writable
-        self._waiting = False  # for its turn, or for what its robot may take; then nothing is read of it
+        self._waiting = False  # for its turn, or for the share of its robot; then nothing is read of it
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         keep_alive(connection)
@@ -78,7 +78,7 @@ class Wire:
         return self.account.robot
 
     def keep(self, size: int) -> bool:
-        """Count bytes that are kept for it until its end; False where its robot has too many."""
+        """Count bytes that are kept for it until its end; False if its robot has too many."""
         if not self._budget.keep(self.robot, size):
             return False
         self._kept += size
@@ -91,12 +91,12 @@ class Wire:
 
     @property
     def is_sending(self) -> bool:
-        """True if it holds what is being sent, besides."""
+        """True if it also holds messages that are being sent."""
         return self.outbox.is_sending
 
     @property
     def is_stuck(self) -> bool:
-        """True if nothing of what is being sent has left for long."""
+        """True if none of the bytes to send has left for long."""
         return self.outbox.is_sending and monotonic() - self.progress > SILENCE
 
     def is_stalled(self, now: float) -> bool:
@@ -119,11 +119,11 @@ class Wire:
         return self._reader.skipped
 
     def limit_silence(self) -> None:
-        """End the connection where what is sent is not acknowledged: the link is cut. The other end always reads."""
+        """End the connection if sent bytes are not acknowledged: the link is cut. The other end always reads."""
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * SILENCE))
 
     def keep_newest(self) -> None:
-        """Let one message wait, and have the kernel keep little of what is sent: a slow link gets what is new."""
+        """Let one message wait, and have the kernel keep few of the sent bytes: a slow link gets new messages."""
         self.outbox.close()
         self.outbox = Outbox(self._budget, newest=True)
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALL_BUFFER)
@@ -157,7 +157,7 @@ class Wire:
         return self._reader.rest()
 
     def detach(self) -> None:
-        """Leave the connection to somebody else."""
+        """Leave the connection to another object."""
         self._let_go()
 
     def _let_go(self) -> None:
@@ -172,7 +172,7 @@ class Wire:
             self._loop.forget(self.connection)
 
     def _on_ready(self) -> None:
-        is_heard = self.header is None or self._on_message is not None  # what is sent costs who has sent it to us
+        is_heard = self.header is None or self._on_message is not None  # bytes cost the robot that has sent them to us
         if is_heard and not self.account.may_go_on:
             self._wait()
             return
@@ -220,7 +220,7 @@ class Wire:
                 self._wait()
 
     def _wait(self) -> None:
-        """Leave what comes where it is until it is our turn."""
+        """Leave incoming bytes in the kernel until it is our turn."""
         self._waiting = True
         self._loop.forget(self.connection)
         self.account.queue(self._go_on)

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A roscore that tells, remembers and guards: rosmaster in this process, and rosout beside it.
+"""A roscore that reports, remembers and guards: rosmaster in this process, and rosout as another one.
 
     python3 -m rosfleet_multimaster.roscore --port 11311 --store ~/.ros/roscore
     python3 -m rosfleet_multimaster.roscore --store ~/.ros/roscore --forget
 
-It tells local programs what changed (rosfleetChanges). It keeps registrations, topic types and parameters in a store, and comes
+It reports changes to local programs (rosfleetChanges). It keeps registrations, topic types and parameters in a store, and comes
 back with them. No node of another robot takes a name from an own one. docs/understand/roscore.md says more.
 """
 
@@ -30,7 +30,7 @@ from .refusals import Refusals
 from .robots import Robots
 from .survivors import THREADS, Survivors, find_alive
 
-WATCHED = (imports.IMPORTS, "/do_not_sync")  # parameters whose changes are told
+WATCHED = (imports.IMPORTS, "/do_not_sync")  # parameters whose changes are reported
 SIM_TIME = "/use_sim_time"
 SOCKET = "roscore"  # the name of the socket that systemd holds
 BOOT_PATIENCE = 2.0  # seconds for nodes on other computers to answer after a boot of this one
@@ -42,7 +42,7 @@ class RoscoreProgram:
     def __init__(self, options: argparse.Namespace) -> None:
         self._options, self._loop = options, Loop()
         self._workers = Workers(self._loop, THREADS, 1 << 16)
-        self._refusals = Refusals(self._tell)
+        self._refusals = Refusals(self._report)
         callbacks = master.Callbacks(self._on_changes, self._look_after, self._wait)
         self._master = master.MasterMethods(WATCHED, callbacks, self._refusals)
         self._robots = Robots(options.members, self._master.set_robots)
@@ -73,7 +73,7 @@ class RoscoreProgram:
         core_services.set_run_id(self._master.call)
         self._serve()
         if before is not None:
-            self._master.tell_all()
+            self._master.notify_all()
             self._survivors.begin(before.exclude(self._master.guard.is_import))
         if self._late is not None:
             self._survivors.wait_for(self._late)
@@ -121,10 +121,10 @@ class RoscoreProgram:
 
     def _wait(self) -> None:
         if self._store is not None and not self._store.wait():
-            raise refuse("under way", "what is changed now, with what others change,")
+            raise refuse("under way", "the changes of now, with those of others,")
 
-    def _tell(self, records: List[Record]) -> None:
-        """Tell the followers something that is no change of the registrations."""
+    def _report(self, records: List[Record]) -> None:
+        """Send the followers something that is no change of the registrations."""
         with self._master.ps_lock:
             self._changes.add(records)
 
@@ -141,11 +141,11 @@ class RoscoreProgram:
                 self._master.restore(before)
         except Exception as problem:
             store.set_aside(self._options.store, "the roscore cannot come back with it")
-            raise program.Fatal(f"what is kept cannot be used: {type(problem).__name__}: {problem}") from None
+            raise program.Fatal(f"the kept state cannot be used: {type(problem).__name__}: {problem}") from None
         return before
 
     def _find_survivors(self, registry: Registry) -> Optional[Registry]:
-        """The nodes of other computers that live on after a boot of this one, with what else is known; None without any.
+        """The nodes of other computers that live on after a boot of this one, with the other known ones; None without any.
 
         There may be no network yet: a node that answers later is registered again then.
         """
@@ -200,8 +200,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--members", metavar="FILE", default="", help="parameters of master_discovery: which robot has which computers"
     )
-    parser.add_argument("--forget", action="store_true", help="remove what is kept, and end")
-    parser.add_argument("--no-rosout", dest="rosout", action="store_false", help="somebody else starts rosout")
+    parser.add_argument("--forget", action="store_true", help="remove the kept state, and end")
+    parser.add_argument("--no-rosout", dest="rosout", action="store_false", help="another program starts rosout")
     return parser.parse_args([word for word in sys.argv[1:] if ":=" not in word])
 
 
@@ -213,7 +213,7 @@ def main() -> int:
             there = bool(options.store) and store.forget(options.store)
             program.LOG.info("forgotten" if there else "nothing was kept")
         except OSError as problem:
-            raise program.Fatal(f"what is kept in {options.store} cannot be removed: {problem}") from None
+            raise program.Fatal(f"the kept state in {options.store} cannot be removed: {problem}") from None
         return 0
     # Also until the loop runs: a store may be the reason that it never does.
     program.on_request(partial(_forget_at_once, options.store))

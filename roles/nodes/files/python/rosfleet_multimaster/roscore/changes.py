@@ -5,8 +5,8 @@
     rosfleetChanges(caller_id, epoch, revision, wait) -> [1, text, [epoch, revision, whole, records]]
     rosfleetChanges(caller_id, epoch, revision, wait, True)   the same, the records in texts of JSON, a few in each
 
-It answers at once where something changed since that revision, and else within `wait` seconds, with no records. The answer to
-another epoch or to a revision from long ago is the whole state, which replaces what the follower has.
+It answers at once if something changed since that revision, and else within `wait` seconds, with no records. The answer to
+another epoch or to a revision from long ago is the whole state, which replaces that of the follower.
 """
 
 import threading
@@ -57,7 +57,7 @@ class Changes:
             return [-1, "expected: caller_id, epoch (text), revision (int), wait (seconds), packed (bool, optional)", 0]
         caller = self._caller()
         if not caller.is_own:
-            return [-1, "only programs of this computer are told", 0]
+            return [-1, "only programs of this computer get changes", 0]
         with self._changed:
             records = self._feed.records_since(epoch, revision)
             if records == [] and seconds:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The parts of `roscore` beside rosmaster: the parameters that roslaunch reads, and the node rosout."""
+"""The parts of `roscore` besides rosmaster: the parameters that roslaunch reads, and the node rosout."""
 
 import logging
 import os
@@ -46,13 +46,13 @@ class Rosout:
     """The node rosout: started while its name is free, and again when it has ended."""
 
     def __init__(self, lookup: Callable[[str], str]) -> None:
-        """`lookup(name)`: the URI of a node, "" where there is none."""
+        """`lookup(name)`: the URI of a node, "" if there is none."""
         self._lookup, self._child = lookup, Child(lambda line: _log.info("rosout says: %s", line))
         self._due, self._pause, self._started = 0.0, PAUSE, 0
         self._missing = False
 
     def tick(self, now: float) -> float:
-        """Start it where it is missing; the time of the next look."""
+        """Start it if it is missing; the time of the next look."""
         if self._child.runs():
             self._pause = PAUSE
         elif now >= self._due and not self._lookup(ROSOUT):

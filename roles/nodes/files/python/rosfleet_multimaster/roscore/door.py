@@ -34,7 +34,7 @@ _SMALL = 1 << 16  # bytes of a request or an answer that is not counted: there a
 _DISCARD = 1 << 28  # bytes of a too long request that are read, so that its sender comes to the answer
 _COMPRESS = 1400  # bytes of an answer
 _ANSWER = 2  # times as much memory as its values count
-_READ, _PACKED = 6, 20  # times as much memory as a request has bytes: one of empty values alone costs so much
+_READ, _PACKED = 6, 20  # times as much memory as a request has bytes: one of only empty values costs so much
 #: Of the throttle, in seconds of a processor: a second of another robot, and of all others together; ahead; and to wait.
 _SHARE, _TOGETHER, _AHEAD = 0.25, 0.5, 5.0
 _PATHS = ("/", "/RPC2", "/pydoc.css")  # the paths of xmlrpc.server
@@ -50,13 +50,13 @@ class Caller(NamedTuple):
     address: str = ""
     here: str = ""  # the own address that it called
     has_left: Callable[[], bool] = lambda: False
-    pause: Callable[[], None] = lambda: None  # waits where it has taken more than its share. Raises BoundRefusal
+    pause: Callable[[], None] = lambda: None  # waits if it has taken more than its share. Raises BoundRefusal
     ends: Tuple[Tuple[str, int], Tuple[str, int]] = (("", 0), ("", 0))  # its connection: there, and here
     other: Optional[str] = None  # the other robot that it is of; None for a computer of this one
 
     @property
     def is_own(self) -> bool:
-        """True where it is on this computer."""
+        """True if it is on this computer."""
         return self.address.startswith("127.") or self.address in ("::1", self.here)
 
 
@@ -69,9 +69,9 @@ class _Connection:
 
 
 class Connections:
-    """The open connections. Where they are too many, the one that was idle longest ends: of another computer first.
+    """The open connections. If they are too many, the one that was idle longest ends: of another computer first.
 
-    Another robot has a quarter of the places, and all others together have three quarters. Where all of these are busy, the
+    Another robot has a quarter of the places, and all others together have three quarters. If all of these are busy, the
     robot that has most loses its oldest one to a robot that has less than half as many.
     """
 
@@ -80,7 +80,7 @@ class Connections:
         self._open: Dict[Socket, _Connection] = {}
 
     def add(self, connection: Socket, robot: str) -> bool:
-        """Add one of a robot. False where all places are taken by busy ones."""
+        """Add one of a robot. False if all places are taken by busy ones."""
         places = [(self._most, lambda _state: True)]
         if robot != OWN:
             places = [
@@ -107,7 +107,7 @@ class Connections:
         return True
 
     def _find_excess(self, robot: str) -> List[Tuple[bool, float, Socket]]:
-        """The connections of the other robot that has most, where it has more than twice as many as this one."""
+        """The connections of the other robot that has most, if it has more than twice as many as this one."""
         held = Counter(state.robot for state in list(self._open.values()) if not state.own)
         most, count = max(held.items(), key=lambda item: item[1], default=("", 0))
         if robot == OWN or count <= 2 * held[robot]:
@@ -126,7 +126,7 @@ class Connections:
 
 
 class Door:
-    """What the handlers of all connections share."""
+    """The common data of the handlers of all connections."""
 
     def __init__(
         self,
@@ -206,7 +206,7 @@ class Handler(BoundedHandler):
         try:
             self._held.enter_context(self.door.room.take(self._payer, size))
         except NoRoom:
-            raise refuse("under way", "what is asked for now, with what others ask for,") from None
+            raise refuse("under way", "the requests of now, with those of others,") from None
 
     # The request
 
@@ -223,7 +223,7 @@ class Handler(BoundedHandler):
             return _to_fault(problem)
 
     def _read_request(self) -> Tuple[str, Tuple[Any, ...]]:
-        """The method and its arguments. Raises BoundRefusal, OSError, or what expat and xmlrpc raise."""
+        """The method and its arguments. Raises BoundRefusal, OSError, or an error of expat or xmlrpc."""
         length, encoding = self.headers.get("Content-Length", ""), self.headers.get("Content-Encoding", "identity")
         packed = {"identity": False, "gzip": True}.get(encoding.lower())
         if not length.isdecimal() or len(length) > 15 or packed is None:
@@ -293,7 +293,7 @@ class Handler(BoundedHandler):
     def _pause(self) -> None:
         self.count_effort()
         if self.robot is not None and not self.throttle.wait(self.robot):
-            raise refuse("effort", "what this computer asks for")
+            raise refuse("effort", "the requests of this computer")
 
     def _has_left(self) -> bool:
         try:

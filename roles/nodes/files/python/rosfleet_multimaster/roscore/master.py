@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """rosmaster, in this process: the only file that imports it. Its XML-RPC interface is as it was.
 
-Its lock, its tables of registrations and its pool of workers are ours here. So each change is noted where it is made, and all
+Its lock, its tables of registrations and its pool of workers are ours here. So each change is noted by the code that makes it, and all
 changes of one call are handed on together before the caller has its answer.
 """
 
@@ -49,7 +49,7 @@ _REGISTERS = {
 }
 #: methods that change something; for each that registers, there is one that takes it back
 CHANGES = {*_REGISTERS, *(f"un{method}" for method in _REGISTERS), "setParam", "deleteParam"}
-_RESERVED = "/" + imports.IMPORTS.split("/")[1]  # what is below it is set by the collection alone
+_RESERVED = "/" + imports.IMPORTS.split("/")[1]  # only the collection sets values below it
 PART = 200  # records that are read at once
 TYPES_AGAIN = 5.0  # seconds until types are looked through again
 MOST_ENDERS = 1000  # nodes to be ended
@@ -125,7 +125,7 @@ class _Values(Dict[str, Any]):
 
 
 class _Manager(registrations.RegistrationManager):  # type: ignore[misc]
-    """rosmaster's registrations. The subscribers of a node that loses its name are told so."""
+    """rosmaster's registrations. The subscribers of a node that loses its name are notified."""
 
     def __init__(self, pool: Any, note: Note, confirm: Note, lost: Callable[[List[str]], None]) -> None:
         super().__init__(pool)
@@ -155,14 +155,14 @@ class _Pool:
         name = getattr(task, "__name__", "")
         if name == "param_update_task":
             _node, uri, key, value = arguments
-            self._notifier.tell(uri, "paramUpdate", key, (key, copy_tree(value)))
+            self._notifier.notify(uri, "paramUpdate", key, (key, copy_tree(value)))
         elif name == "publisher_update_task":
             uri, topic, uris = arguments
-            self._notifier.tell(uri, "publisherUpdate", topic, (topic, uris))
+            self._notifier.notify(uri, "publisherUpdate", topic, (topic, uris))
         elif name == "shutdown_node_task":
             uri, node, reason = arguments
             if not self._is_spared(node, uri):
-                self._notifier.tell(uri, "shutdown", node, (f"[{node}] Reason: {reason}",))
+                self._notifier.notify(uri, "shutdown", node, (f"[{node}] Reason: {reason}",))
         return True
 
     def join_all(self, **_options: bool) -> None:
@@ -170,11 +170,11 @@ class _Pool:
 
 
 class Callbacks(NamedTuple):
-    """What the master calls in the thread of a request."""
+    """The functions that the master calls in the thread of a request."""
 
     on_changes: Callable[[List[Record]], None]  # the changes of a call; the lock of the registrations is held
     on_leaving: Callable[[str, str], None]  # a node, by name and URI, has withdrawn everything
-    wait: Callable[[], None]  # before a change; raises BoundRefusal where there is no room for it now
+    wait: Callable[[], None]  # before a change; raises BoundRefusal if there is no room for it now
 
 
 class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
@@ -186,7 +186,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         callbacks: Callbacks,
         refusals: Refusals,
     ) -> None:
-        """`watched`: parameters whose changes are told; IMPORTS is one of them."""
+        """`watched`: parameters whose changes are reported; IMPORTS is one of them."""
         super().__init__(0)
         self.guard = NameGuard()
         self._spare = False
@@ -194,7 +194,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         self._last: Dict[str, Any] = dict.fromkeys(watched)
         self.calls = threading.local()
         self._restored: Dict[Tuple[Any, ...], None] = {}  # registrations that their nodes have not confirmed yet
-        self._notifier = Notifier(self._may_tell)
+        self._notifier = Notifier(self._may_notify)
         # (URI, name) of a node to be ended -> addresses of callers, and whether they are own ones
         self._enders: Dict[Tuple[str, str], Set[Tuple[str, bool]]] = {}
         self._types_due = 0.0
@@ -209,7 +209,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.thread_pool = _Pool(self._notifier, self._is_spared)
         self.ps_lock = threading.RLock()  # of the registrations
         self._depth = 0  # how often its holder changes something, one within the other
-        self.reg_manager = _Manager(self.thread_pool, self._note, self._confirm, self._tell_topics)
+        self.reg_manager = _Manager(self.thread_pool, self._note, self._confirm, self._notify_topics)
         self.publishers, self.subscribers = self.reg_manager.publishers, self.reg_manager.subscribers
         self.services, self.param_subscribers = self.reg_manager.services, self.reg_manager.param_subscribers
         tables = (self.publishers, self.subscribers, self.param_subscribers, self.services)
@@ -270,7 +270,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         return 1, "", answers
 
     def _run_calls(self, calls: List[Any], left: int) -> List[Any]:
-        """The results; of a call that fails, a text that says why. Raises BoundRefusal, after a change, where they weigh more."""
+        """The results; of a call that fails, a text that says why. Raises BoundRefusal, after a change, if they weigh more."""
         results: List[Any] = []
         with self._collect_changes():
             for name, *arguments in calls:
@@ -332,7 +332,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         self.holdings.recount(self.param_server.parameters)
 
     def _note_change(self, name: str, key: str, arguments: Tuple[Any, ...]) -> None:
-        """Note what a call has changed. `key`: the parameter that it has set or deleted, or ""."""
+        """Note the changes of a call. `key`: the parameter that it has set or deleted, or ""."""
         if key:
             self._note_parameter(
                 key,
@@ -362,7 +362,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         return change
 
     def _check_bounds(self, name: str, arguments: Tuple[Any, ...]) -> None:
-        """Raise BoundRefusal where there is no room for a new registration."""
+        """Raise BoundRefusal if there is no room for a new registration."""
         kind, at = _REGISTERS.get(name, ("", 0))
         if not kind or len(arguments) <= at or not all(isinstance(text, str) for text in arguments):
             return
@@ -391,14 +391,14 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
                 del self.topics_types[topic]
 
     def _protect(self, name: str, key: str, arguments: Tuple[Any, ...]) -> Tuple[Any, ...]:
-        """The arguments, with what is below the collection's own name as it is: others may not set it. Raises BoundRefusal."""
+        """The arguments, with the values below the collection's own name as they are: others may not set it. Raises BoundRefusal."""
         if not key or not touches(key, _RESERVED) or self._is_own_program():
             return arguments
         own = self._value(_RESERVED)
         if split_name(key):
             if name == "setParam" and arguments[2] == self._value(key):
                 return arguments
-            raise BoundRefusal(f"{key} is set by master_sync of this computer alone", "own")
+            raise BoundRefusal(f"{key} is set only by master_sync of this computer", "own")
         if name != "setParam" or not isinstance(arguments[2], dict):
             return arguments
         tree = {part: value for part, value in arguments[2].items() if part.strip("/") != _RESERVED[1:]}
@@ -415,15 +415,15 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
             node.by = (self.caller().address, self.caller().is_own)
 
     def _is_spared(self, name: str, uri: str) -> bool:
-        """True where a node that loses its name is not to be ended at all."""
+        """True if a node that loses its name is not to be ended at all."""
         by = getattr(self.reg_manager.nodes.get(name), "by", ("", False))
         if len(self._enders) >= MOST_ENDERS:
             self._enders.clear()
         self._enders[uri, name] = {by, (self.caller().address, self.caller().is_own)}
         return self._spare
 
-    def _may_tell(self, call: NodeCall) -> bool:
-        """True where a node may be told that. It runs in the notifier's thread.
+    def _may_notify(self, call: NodeCall) -> bool:
+        """True if a node may get that. It runs in the notifier's thread.
 
         A node is ended only on the computer from which it or its successor was registered. Else two registrations in the name
         of any node would have this roscore end that node, on any robot.
@@ -436,7 +436,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         host = host_of(call.uri)
         if addresses.addresses_of_all([host]).get(host) in {address for address, _own in callers}:
             return True
-        text = "is not told to end: neither it nor its successor was registered from its computer"
+        text = "is not asked to end: neither it nor its successor was registered from its computer"
         self.refusals.say("end", f"{quote(call.key[1])} at {quote(call.uri)} {text}")
         return False
 
@@ -482,7 +482,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
 
     @contextlib.contextmanager
     def _collect_changes(self) -> Iterator[None]:
-        """Hold the lock. What was changed is handed on before it is free."""
+        """Hold the lock. Changes are handed on before it is free."""
         with self.ps_lock:
             self._depth += 1
             try:
@@ -502,7 +502,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
                     self.guard.forget(record.name)
             self.callbacks.on_changes(records)
 
-    def _tell_topics(self, topics: List[str]) -> None:
+    def _notify_topics(self, topics: List[str]) -> None:
         for topic in topics:
             self._notify_topic_subscribers(topic, self.publishers.get_apis(topic), self.subscribers.get_apis(topic))
 
@@ -528,7 +528,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
                 yield Record("service", service, name, uri, uris[service][1])
 
     def parameters(self) -> List[Record]:
-        """The parameters whose changes are told, with their values."""
+        """The parameters whose changes are reported, with their values."""
         return [Record("parameter", name, value=value) for name, value in self._last.items()]
 
     def parts(self) -> Iterator[List[Record]]:
@@ -567,7 +567,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
                         self._tables[kind].map.setdefault(key, []).append((name, uri))
                     getattr(self._node(name, uri), _LISTS[kind]).append(key)
                     self._restored[_find_restored(record)] = None
-            for topic in self.publishers.map:  # rosmaster lists no topics where one of them has no type
+            for topic in self.publishers.map:  # rosmaster lists no topics if one of them has no type
                 self.topics_types.setdefault(topic, "*")
             for watched in self._last:
                 self._last[watched] = self._value(watched)
@@ -588,17 +588,17 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
             nodes[name] = registrations.NodeRef(name, uri)
         return nodes[name]
 
-    def tell_all(self) -> None:
-        """Tell every node what it may have missed: the queue of the earlier life is lost."""
+    def notify_all(self) -> None:
+        """Notify every node of changes that it may have missed: the queue of the earlier life is lost."""
         with self.ps_lock:
-            self._tell_topics(list(self.subscribers.map))
+            self._notify_topics(list(self.subscribers.map))
             for key, users in self.param_subscribers.map.items():
                 value = self._value(key)
                 for _name, uri in users:
-                    self._notifier.tell(uri, "paramUpdate", key, (key, {} if value is None else value))
+                    self._notifier.notify(uri, "paramUpdate", key, (key, {} if value is None else value))
 
     def readmit(self, registry: Registry) -> None:
-        """Register nodes as if they did it themselves, and tell them the answers. A name that is taken stays with its node."""
+        """Register nodes as if they did it themselves, and send them the answers. A name that is taken stays with its node."""
         types, caller = registry.values("type"), self.caller()
         with self._collect_changes():
             for record in registry.facts.values():
@@ -620,12 +620,12 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         if kind in ("publisher", "subscriber"):
             uris = self.call(f"register{kind.capitalize()}", name, key, types.get(key, "*"), uri)[2]
             if kind == "subscriber":
-                self._notifier.tell(uri, "publisherUpdate", key, (key, uris))
+                self._notifier.notify(uri, "publisherUpdate", key, (key, uris))
         elif kind == "service" and key not in self.services.map:
             self.call("registerService", name, key, record.place, uri)
         elif kind == "listener":
             value = self.call("subscribeParam", name, uri, key)[2]
-            self._notifier.tell(uri, "paramUpdate", key, (key, value))
+            self._notifier.notify(uri, "paramUpdate", key, (key, value))
 
     def has(self, name: str, uri: str) -> bool:
         """True while this node has the name."""
@@ -633,12 +633,12 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         return node is not None and node.api == uri
 
     def end_node(self, name: str, uri: str) -> None:
-        """End a node that is dead, or whose port has another owner. What it registered since the restart stays."""
+        """End a node that is dead, or whose port has another owner. Its registrations since the restart stay."""
         with self._collect_changes():
             if not self.has(name, uri):
                 return
             node, services = self.reg_manager.nodes[name], self.services.service_api_map or {}
-            for kind, keys in _LISTS.items():  # its own alone: all nodes may have a hundred thousand
+            for kind, keys in _LISTS.items():  # only its own: all nodes may have a hundred thousand
                 for key in list(getattr(node, keys)):
                     place = services.get(key, ("", ""))[1] if kind == "service" else uri
                     self.end_registration(Record(kind, key, name, uri, place))
@@ -646,7 +646,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
                 del self.reg_manager.nodes[name]
 
     def has_ended(self, name: str) -> bool:
-        """True where a known node has withdrawn everything: it may have ended.
+        """True if a known node has withdrawn everything: it may have ended.
 
         rospy and roscpp leave their parameter subscriptions, and rosmaster leaves services that a later node has taken.
         So the names of such nodes, also of imports, would never be free.
@@ -676,7 +676,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
             ends = (None, uri) if kind == "service" else (uri,)  # of the node, and of the service
             self.reg_manager._unregister(self._tables[kind], key, name, *ends)
             if kind == "publisher":
-                self._tell_topics([key])
+                self._notify_topics([key])
         return True
 
 
@@ -766,7 +766,7 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
         super().server_bind()
 
     def verify_request(self, request: Socket, client_address: Any) -> bool:
-        """True where there is room for this connection."""
+        """True if there is room for this connection."""
         caller = Caller(client_address[0], request.getsockname()[0])
         return self.door.connections.add(request, self.door.find_robot(caller))
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The workers that tell nodes of changes. They start and wake at once when there is work, and end when there is none."""
+"""The workers that notify nodes of changes. They start and wake at once when there is work, and end when there is none."""
 
 import logging
 import threading
@@ -27,7 +27,7 @@ class Notifier:
         self._wake = threading.Condition()
         self._workers = self._idle = 0
 
-    def tell(self, uri: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
+    def notify(self, uri: str, method: str, name: str, arguments: Tuple[Any, ...]) -> None:
         """Queue a call of a node. It replaces the waiting one of the same method and name."""
         with self._wake:
             self._plan.add(uri, host_of(uri), method, name, arguments)
@@ -55,7 +55,7 @@ class Notifier:
                 self._plan.finish(call, monotonic(), answered, gone)
 
     def _await(self) -> Optional[NodeCall]:
-        """The next call; None where this worker can go. The lock is held."""
+        """The next call; None if this worker can go. The lock is held."""
         patience = monotonic() + IDLE
         while True:
             now = monotonic()
@@ -83,6 +83,6 @@ class Notifier:
         except OSError as problem:
             _log.debug("%s of %s: %s", call.method, call.uri, problem)
             return False, False
-        except Exception as problem:  # a fault, or a value that XML-RPC has not: other nodes are told
+        except Exception as problem:  # a fault, or a value that XML-RPC has not: other nodes are notified
             _log.debug("%s of %s: %s: %s", call.method, call.uri, type(problem).__name__, problem)
         return True, False

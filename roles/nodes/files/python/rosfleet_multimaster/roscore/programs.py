@@ -14,7 +14,7 @@ End = Tuple[str, int]
 
 
 def is_own(there: End, here: End) -> bool:
-    """True where the other end of a connection belongs to master_sync, to root, or to the user of this process."""
+    """True if the other end of a connection belongs to master_sync, to root, or to the user of this process."""
     users = {0, os.geteuid()}
     with contextlib.suppress(OSError):
         users.add(os.lstat(SERVICE).st_uid)

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The requests that the roscore has refused since its start because they exceed a bound: counted, logged, told.
+"""The requests that the roscore has refused since its start because they exceed a bound: counted, logged, reported.
 
-A follower (roscore/changes.py) is told the counts as if they were a parameter, REFUSED: name of the bound -> how often.
+A follower (roscore/changes.py) gets the counts as if they were a parameter, REFUSED: name of the bound -> how often.
 """
 
 import threading
@@ -15,15 +15,15 @@ from ..protocol.mirror import REFUSED
 from .core.bounds import BoundRefusal
 from .core.registry import Record
 
-PAUSE = 2.0  # seconds between two times that the counts are told
+PAUSE = 2.0  # seconds between two times that the counts are reported
 
 
 class Refusals:
     """The counts."""
 
-    def __init__(self, tell: Callable[[List[Record]], None]) -> None:
-        """`tell(records)`: tell the followers."""
-        self._tell, self._limited = tell, program.LimitedLog()
+    def __init__(self, report: Callable[[List[Record]], None]) -> None:
+        """`report(records)`: send records to the followers."""
+        self._report, self._limited = report, program.LimitedLog()
         self._counts: Counts[str] = Counter()
         self._lock = threading.Lock()
         self._told: Dict[str, int] = {}
@@ -41,13 +41,13 @@ class Refusals:
             self._limited.say("warning", topic, why)
 
     def records(self) -> List[Record]:
-        """The counts, as the feed tells a parameter."""
+        """The counts, as the feed sends a parameter."""
         return [Record("parameter", REFUSED, value=self._told)] if self._told else []
 
     def tick(self, now: float) -> None:
-        """Tell new counts."""
+        """Report new counts."""
         with self._lock:
             counts = dict(self._counts)
         if now >= self._due and counts != self._told:
             self._due, self._told = now + PAUSE, counts
-            self._tell(self.records())
+            self._report(self.records())

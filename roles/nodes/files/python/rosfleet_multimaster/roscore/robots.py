@@ -22,9 +22,9 @@ _LARGEST = 4 << 20  # bytes; 1,000 robots are 500 kB
 class Robots:
     """The robots of the fleet. `at` is asked in threads."""
 
-    def __init__(self, path: str, tell: Callable[[Collection[str]], None]) -> None:
-        """`path`: of the file; "" for none. `tell(robots)` is called after each change, with the robots and the names of those that are no robot."""
-        self._path, self._members, self._tell = path, Members(), tell
+    def __init__(self, path: str, report: Callable[[Collection[str]], None]) -> None:
+        """`path`: of the file; "" for none. `report(robots)` is called after each change, with the robots and the names of those that are no robot."""
+        self._path, self._members, self._report = path, Members(), report
         self._due, self._state = 0.0, (0, 0, 0)
 
     def at(self, address: str) -> str:
@@ -32,7 +32,7 @@ class Robots:
         return self._members.robot_at(address)
 
     def look(self, now: float) -> None:
-        """Read the file where it has changed. One that cannot be read changes nothing."""
+        """Read the file if it has changed. One that cannot be read changes nothing."""
         if not self._path or now < self._due:
             return
         self._due = now + EVERY
@@ -44,8 +44,8 @@ class Robots:
             with open(self._path, encoding="utf-8") as file:
                 values: Any = json.load(file)
             self._members, self._state = Members.from_parameters(values), state
-            self._tell({*NOBODIES, *(member.robot for member in self._members.robots)})
+            self._report({*NOBODIES, *(member.robot for member in self._members.robots)})
         except FileNotFoundError:
             pass
-        except Exception as problem:  # root's file, which somebody may have edited
+        except Exception as problem:  # root's file, which a person may have edited
             _log.warning("the robots cannot be read: %s", plain(problem))

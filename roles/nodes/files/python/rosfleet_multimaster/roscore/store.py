@@ -3,7 +3,7 @@
 """The store of the roscore: a file with a line for each change, which a thread syncs to the disk and writes anew.
 
 A line is written before the caller has its answer, so it survives the end of the process. 0.1 s later it survives a loss of
-power, too. Where it cannot be written, there is a warning, the roscore goes on, and a new file is tried again and again.
+power, too. If it cannot be written, there is a warning, the roscore goes on, and a new file is tried again and again.
 """
 
 import contextlib
@@ -22,12 +22,12 @@ from .core.registry import Record
 _log = logging.getLogger("rosfleet.store")
 
 SYNC = 0.05  # seconds from a change to its sync
-PATIENCE = 10.0  # seconds that a change waits where much was changed in a short time
+PATIENCE = 10.0  # seconds that a change waits if much was changed in a short time
 AGAIN = 10.0  # seconds until a file that cannot be written is tried again
 STARTS = 5  # starts that come to nothing, after which the store is put aside
 LARGEST = 1 << 30  # bytes of a store that is read; that of a roscore within its bounds has a fourth of it
 LONGEST = 1 << 27  # bytes of one line
-_STARTS = ".starts"  # the file beside it with a byte for each such start
+_STARTS = ".starts"  # the file next to it with a byte for each such start
 _WARNINGS = 1000  # about parameters that cannot be kept
 _REST = 0.002  # seconds of rest for callers while a new file is written
 
@@ -42,7 +42,7 @@ def read_boot_id() -> str:
 
 
 def read(folder: str) -> Optional[store_format.Content]:
-    """Read the store of this folder; its size is 0 where a new file is to be written.
+    """Read the store of this folder; its size is 0 if a new file is to be written.
 
     One that cannot be read is set aside, whole or in part, with a warning.
     """
@@ -65,7 +65,7 @@ def read(folder: str) -> Optional[store_format.Content]:
         return None
     broken = content.damaged or content.omissions
     if broken:
-        set_aside(folder, "what can be read of it counts", counts=True)
+        set_aside(folder, "its readable lines count", counts=True)
     elif content.torn:
         _log.info("the last change was not written to its end in %s: nobody had an answer to it", path)
     return content._replace(size=0) if broken or content.boot != read_boot_id() else content
@@ -132,7 +132,7 @@ class Store:
         self._file: Optional[int] = None
         self._guard: Optional[int] = None  # the folder, locked: one roscore has it
         self._number = self._size = self._base = 0
-        self._waiting = 0  # what the changes in `_meanwhile` count
+        self._waiting = 0  # the weight of the changes in `_meanwhile`
         self._meanwhile: Optional[List[Sequence[Record]]] = None  # changes while a new file is written
         self._dirty = threading.Event()
         self._warned = ""
@@ -159,7 +159,7 @@ class Store:
         self._dirty.set()
 
     def wait(self) -> bool:
-        """Wait where much was changed in a short time; False where that does not help. Call it without the lock."""
+        """Wait if much was changed in a short time; False if that does not help. Call it without the lock."""
         until = monotonic() + PATIENCE
         while store_format.must_wait(self._size if self._file is not None else 0, self._base, self._waiting):
             self._dirty.set()
@@ -200,7 +200,7 @@ class Store:
             return store_format.format_records(number, kept)
 
     def _resume(self, snapshot: store_format.Content) -> bool:
-        """Go on in the file of a snapshot. The sync of a new one takes seconds where the disk is busy."""
+        """Go on in the file of a snapshot. The sync of a new one takes seconds if the disk is busy."""
         if not snapshot.size:
             return False
         try:
@@ -235,7 +235,7 @@ class Store:
                 self._renew()
 
     def _renew(self, rest: bool = True) -> None:
-        """Write a new file beside the old one, and replace the old one by it."""
+        """Write a new file next to the old one, and replace the old one by it."""
         new = None
         self._start_over()
         try:
@@ -252,7 +252,7 @@ class Store:
             if self._guard is not None:
                 os.fsync(self._guard)
             if self._warned:
-                _log.warning("what the roscore knows is kept again")
+                _log.warning("the state of the roscore is kept again")
                 self._warned = ""
         except Exception as problem:
             with self._lock:
@@ -316,7 +316,7 @@ class Store:
         if self._warned != str(problem):
             self._warned = str(problem)
             _log.warning(
-                "what the roscore knows cannot be kept in %s: %s; it goes on, and would come back as it was before",
+                "the state of the roscore cannot be kept in %s: %s; it goes on, and would come back as it was before",
                 self._folder,
                 problem,
             )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The nodes that are still there after a restart of the roscore: each is asked what it has.
+"""The nodes that are still there after a restart of the roscore: each is asked for its registrations.
 
 A node whose port is closed is dead. Silence proves nothing: a cable may be out, or a debugger may hold the process. So a silent
 node stays, and is asked again as long as it is registered. By now another process may have the port. So the topics of the
@@ -48,9 +48,9 @@ def group_by_node(registry: Registry) -> Dict[NodeKey, List[Record]]:
 
 
 def ask(name: str, uri: str, records: Sequence[Record]) -> Optional[List[Record]]:
-    """Ask a node what it has: those of its records that are not true any more; None where it is gone.
+    """Ask a node for its registrations: those of its records that are not true any more; None if it is gone.
 
-    Raises OSError where it says nothing.
+    Raises OSError if it says nothing.
     """
     try:
         has = _list_topics(uri)
@@ -65,12 +65,12 @@ def ask(name: str, uri: str, records: Sequence[Record]) -> Optional[List[Record]
 
 
 def _list_topics(uri: str) -> Dict[str, Set[str]]:
-    """Kind -> topics, as far as the node tells them. Raises OSError, ValueError or Fault."""
+    """Kind -> topics, as far as the node lists them. Raises OSError, ValueError or Fault."""
     has: Dict[str, Set[str]] = {}
     with closing(Rpc(uri, TIMEOUT, NODE)) as rpc:
         rpc.call("getPid", CALLER)
         for kind, method in _LISTS.items():
-            with suppress(xmlrpc.client.Fault, TypeError, ValueError, IndexError):  # it does not tell these
+            with suppress(xmlrpc.client.Fault, TypeError, ValueError, IndexError):  # it does not list these
                 answer = rpc.call(method, CALLER)
                 if answer[0] == 1:
                     has[kind] = {topic for topic, _type in answer[2]}
@@ -81,7 +81,7 @@ _LISTS = {"publisher": "getPublications", "subscriber": "getSubscriptions"}
 
 
 def _provides(name: str, service: str, uri: str) -> bool:
-    """True where a living node still provides a service, or where that cannot be found out.
+    """True if a living node still provides a service, or if that cannot be found out.
 
     A closed port proves nothing: rospy and roscpp keep it open when a service ends, so a filter or a wrong name is the cause.
     """
@@ -141,7 +141,7 @@ class Survivors:
         self._workers.submit_later(after, partial(ask, *node, records), on_answer)
 
     def _judge(self, node: NodeKey, ended: Optional[List[Record]], problem: Optional[Exception]) -> bool:
-        """Act on the answer of a registered node. True where the node is to be asked again."""
+        """Act on the answer of a registered node. True if the node is to be asked again."""
         name, uri = node
         if problem is not None and self._roscore.has(name, uri):
             if node not in self._warned:
@@ -168,10 +168,10 @@ class Survivors:
         if self._lines <= LINES:
             log(text, *names)
         elif self._lines == LINES + 1:
-            _log.info("what became of further nodes is not logged one by one")
+            _log.info("the fate of further nodes is not logged one by one")
 
     def _bury(self, node: NodeKey, ended: Optional[List[Record]], problem: Optional[Exception]) -> bool:
-        """End the rest of a node if it is dead. True where the node is to be asked again."""
+        """End the rest of a node if it is dead. True if the node is to be asked again."""
         gone = ended is None and problem is None
         if not gone and self._roscore.has(*node) and self._roscore.has_ended(node[0]):
             return True
@@ -183,7 +183,7 @@ class Survivors:
     def _welcome(
         self, node: NodeKey, registry: Registry, ended: Optional[List[Record]], problem: Optional[Exception]
     ) -> bool:
-        """Register a node again if it lives. True where the node is to be asked again."""
+        """Register a node again if it lives. True if the node is to be asked again."""
         if ended is not None:
             _log.info("%s at %s is still there: it is registered again", *node)
             back = registry.exclude(lambda *other: other != node)

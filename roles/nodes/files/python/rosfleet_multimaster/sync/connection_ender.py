@@ -44,7 +44,7 @@ def end(wanted: Callable[[Tcp], bool], path: str = SOCKET) -> List[Pair]:
 
 
 def ask(pairs: Sequence[Pair], path: str = SOCKET) -> EndedConnections:
-    """Ask the other process to end these connections. Raises OSError where it does not answer."""
+    """Ask the other process to end these connections. Raises OSError if it does not answer."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as asking:
         asking.settimeout(_PATIENCE)
         asking.connect(path)
@@ -54,7 +54,7 @@ def ask(pairs: Sequence[Pair], path: str = SOCKET) -> EndedConnections:
         answer = json.loads(data.decode())
         return EndedConnections([_pair(item) for item in answer["ended"]], str(answer["problem"]))
     except (ValueError, KeyError, TypeError):
-        raise OSError("what ends connections gave no answer") from None
+        raise OSError("the program that ends connections gave no answer") from None
 
 
 @contextlib.contextmanager

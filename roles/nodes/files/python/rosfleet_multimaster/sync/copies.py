@@ -4,7 +4,7 @@
 
 The other roscores are asked again and again. To subscribe would be no way: who subscribes becomes a node of that roscore,
 which would end its own /master_sync for having the same name. A question leaves nothing there, and each roscore knows it.
-What is large is asked for less often, so it takes no more of the network than what is small.
+A large value is asked for less often, so it takes no more of the network than a small one.
 """
 
 from contextlib import closing
@@ -39,7 +39,7 @@ PassResult = Tuple[Todo, Set[str], Optional[Exception]]
 
 
 class ParameterAnswer(NamedTuple):
-    """What a robot has of the planned parameters: the values that are taken, and why others are not."""
+    """The planned parameters of a robot: the values that are taken, and why others are not."""
 
     values: Mapping[str, Tuple[Any, str]]  # name -> value and digest
     refusals: Mapping[str, str]
@@ -118,12 +118,12 @@ class Copies:
         return [source.title for source in self._sources.values()]
 
     def describe(self, master: str) -> str:
-        """The words about a master's copies for a status; empty where there are none."""
+        """The words about a master's copies for a status; empty if there are none."""
         count = sum(mine.master == master for mine in self.record.values())
         return f", {count} parameters" if count else ""
 
     def tick(self, now: float) -> float:
-        """Do what is due; the time of the next thing to do."""
+        """Do all that is due; the time of the next thing to do."""
         if self._done is not None:
             return NEVER
         self._started = min(self._started, now)
@@ -186,7 +186,7 @@ class Copies:
             source.drop()
             source.due = now + RETRY[min(source.failures, len(RETRY) - 1)]
             source.failures += 1
-            text = f"{source.title}: its parameters cannot be read: {quote(problem)}; what is here of it stays"
+            text = f"{source.title}: its parameters cannot be read: {quote(problem)}; its values that are here stay"
             self._limited.say("warning", f"parameters {source.name}", text)
             return
         if answer is not None:
@@ -204,7 +204,7 @@ class Copies:
         self._calls.submit(partial(self._run_pass, offers, keep, self.record, last), partial(self._on_pass, last))
 
     def _collect(self, now: float) -> Tuple[Dict[str, OfferedParameter], Set[str]]:
-        """What is to be here, and the names that wait for their robot."""
+        """The values to set here, and the names that wait for their robot."""
         offers: Dict[str, OfferedParameter] = {}
         keep: Set[str] = set()
         for source in self._sources.values():
@@ -223,13 +223,13 @@ class Copies:
         due = todo.delete or todo.set or todo.record.keys() != record.keys() or (last and record)
         try:
             return todo, self._write(todo, last) if due else set(), None
-        except Exception as problem:  # of any kind: what of it is done the next pass sees
+        except Exception as problem:  # of any kind: the next pass sees the part that is done
             return todo, set(), problem
 
     def _read_own(self, names: Sequence[str]) -> Contents:
         leaves, *found = self._roscore.ask(("getParamNames",), *[("getParam", name) for name in names])
         if not isinstance(leaves, list):
-            raise OSError("the roscore does not tell its parameters")
+            raise OSError("the roscore does not report its parameters")
         there = {name: value for name, value in zip(names, found) if value is not None and value != {}}
         return Contents(frozenset(map(str, leaves)), {name: values.digest(value) for name, value in there.items()})
 
@@ -264,7 +264,7 @@ class Copies:
             self._on_change()
 
     def _log(self, todo: Todo, failed: Set[str]) -> None:
-        """Say what was done, in a few lines: another robot may change all that it gives again and again."""
+        """Report the changes, in a few lines: another robot may change all that it gives again and again."""
         for name in sorted(failed):
             self._limited.say("error", f"set {name}", f"the roscore refuses the parameter {name}")
         lines = [f"{self.record[name].master}: took the parameter {name} away" for name in todo.delete]
@@ -315,7 +315,7 @@ def _count(record: Mapping[str, Copy]) -> List[Tuple[str, str]]:
 
 
 def _read(rpc: Rpc, caller: str, names: Mapping[str, str], last: Last) -> Optional[ParameterAnswer]:
-    """The values of a roscore, by names here -> there; None where it is the last answer again. Raises what Rpc does."""
+    """The values of a roscore, by names here -> there; None if it is the last answer again. Raises as Rpc does."""
     try:
         results = rpc.multicall([("getParam", caller, name) for name in names.values()], last)
     except DocumentTooLarge:
@@ -332,7 +332,7 @@ def _read_one(rpc: Rpc, caller: str, name: str) -> Any:
 
 
 def _take(names: Sequence[str], results: Sequence[Any]) -> ParameterAnswer:
-    """The answer in results of getParam. Raises ValueError where they are none."""
+    """The answer in results of getParam. Raises ValueError if they are none."""
     taken: Dict[str, Tuple[Any, str]] = {}
     refusals: Dict[str, str] = {}
     total = 0
@@ -353,7 +353,7 @@ def _take(names: Sequence[str], results: Sequence[Any]) -> ParameterAnswer:
 
 
 def _value(result: Any) -> Any:
-    """The value in a result of getParam, None where the parameter is not set. Raises ValueError."""
+    """The value in a result of getParam, None if the parameter is not set. Raises ValueError."""
     if isinstance(result, list) and len(result) == 3 and isinstance(result[0], int):
         if result[0] == 1:
             return result[2]

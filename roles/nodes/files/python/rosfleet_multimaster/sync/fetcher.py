@@ -23,7 +23,7 @@ MOST_FOLLOWED = 128  # masters: more are fetched when they announce a change
 
 
 class FetchResult(NamedTuple):
-    """A state, what of it is misplaced, and a follower of its changes."""
+    """A state, its misplaced nodes, and a follower of its changes."""
 
     state: State
     misplaced: Misplaced
@@ -31,7 +31,7 @@ class FetchResult(NamedTuple):
 
 
 class Fetcher:
-    """Carries out the fetches of the core, and follows the masters that tell their changes."""
+    """Carries out the fetches of the core, and follows the masters that report their changes."""
 
     def __init__(
         self,
@@ -54,7 +54,7 @@ class Fetcher:
         self.states = self.changes = 0  # received
 
     def tick(self, now: float) -> float:
-        """Fetch what is due; the time of the next fetch."""
+        """Fetch all that is due; the time of the next fetch."""
         for uri in [uri for uri, follower in self._followers.items() if not self._core.follows(follower.fetch)]:
             self._stop(uri)
         self._room.keep(self._core.remotes)
@@ -107,7 +107,7 @@ class Fetcher:
 def _advice(problem: Exception) -> str:
     if not isinstance(problem, DocumentTooLarge):
         return ""
-    return "; nothing new of it is taken, what was registered stays: leave out there what nobody needs, by multimaster_exports"
+    return "; nothing new of it is taken, its registrations stay: leave out there the topics that nobody needs, by multimaster_exports"
 
 
 def _fetch(fetch: Fetch, before: Optional[State], states: StateFilter, quick: bool) -> FetchResult:
@@ -141,7 +141,7 @@ def _read_answer(value: Any) -> Any:
 
 
 def _method(rpc: Rpc) -> str:
-    """The best method that tells this master's changes, "" without one."""
+    """The best method that reports this master's changes, "" without one."""
 
     def select(methods: Any) -> str:
         return next((name for name in (PACKED, DIFFERENCES) if isinstance(methods, list) and name in methods), "")
@@ -153,7 +153,7 @@ def _method(rpc: Rpc) -> str:
 
 
 def _fetch_whole(rpc: Rpc, rules: Any, read: Callable[[Any], State]) -> State:
-    """The state of a master that does not tell its changes: of upstream, or where this is switched off."""
+    """The state of a master that does not report its changes: of upstream, or if this is switched off."""
     try:
         return cast(State, rpc.call("masterInfoFiltered", rules, read=read))
     except Fault:

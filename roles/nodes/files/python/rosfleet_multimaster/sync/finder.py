@@ -60,7 +60,7 @@ class Finder:
         )
 
     def tick(self, now: float) -> List[Optional[float]]:
-        """Do what is due; the times of the next calls."""
+        """Do all that is due; the times of the next calls."""
         return [self._finds.tick(now), self._lists.tick(now)]
 
     def _on_end(self) -> None:

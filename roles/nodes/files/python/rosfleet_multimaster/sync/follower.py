@@ -46,14 +46,14 @@ class DifferencesAnswer:
         if not isinstance(self.epoch, str) or not 0 < len(self.epoch) < 100 or not isinstance(self.revision, int):
             raise InvalidDocument("its epoch is no short text, or its revision no number")
         if not isinstance(self.whole, bool) or not isinstance(self.digest, str):
-            raise InvalidDocument("it does not say whether it is whole, or its digest is no text")
+            raise InvalidDocument("it does not say if it is whole, or its digest is no text")
 
     def state(self, before: Optional[State]) -> State:
         """The state now. Raises InvalidDocument."""
         if self.whole:
             return parse(self.document)
         if before is None:
-            raise InvalidDocument("a difference, where a whole state was asked for")
+            raise InvalidDocument("a difference; asked for a whole state")
         return apply_difference(before, self.document, self.gone)
 
 
@@ -79,11 +79,11 @@ class StateFilter:
         return limit_state(state, before, most, core.own_uri, core.sync_remote_nodes)
 
     def hold(self, state: State) -> bool:
-        """Count what is held of a state. False where it is too much."""
+        """Count the held bytes of a state. False if it is too much."""
         return self._room.hold(self._fetch.uri, size(state))
 
     def find_misplaced(self, state: State) -> Misplaced:
-        """The nodes and services of a state that cannot be where it says."""
+        """The nodes and services of a state that cannot be at the places that it gives."""
         members, fetch = self._core.members, self._fetch
         addresses = addresses_of_all(names_to_resolve(state, members), LOOKUPS)
         places = Places(members, fetch.uri, fetch.monitor_uri, read_network(), addresses)
@@ -103,7 +103,7 @@ class Follower:
         state: State,
         part: State,
     ) -> None:
-        """`method` tells the differences; `answer` had the whole state; `part` of it is taken."""
+        """`method` gives the differences; `answer` had the whole state; `part` of it is taken."""
         self.fetch, self._method = fetch, method
         self._rpc, self._states, self._part, self._state = rpc, states, part, state
         self._epoch, self._revision = answer.epoch, answer.revision

@@ -34,7 +34,7 @@ AGAIN = (0.2, 0.5, 1.0)  # seconds after failed rounds: a roscore under load ref
 SETTLED = 5.0  # seconds from the last whole state to a round that looks at all registrations
 SETTLED_AFTER_ALL = 20.0  # the same from the first whole state, at most: the robots of a fleet come one by one
 LEFTOVERS = 15.0  # seconds that registrations of an earlier life wait for their master
-UPDATE_TIMEOUT = 3.0  # seconds to tell a subscriber of another robot its publishers
+UPDATE_TIMEOUT = 3.0  # seconds to send a subscriber of another robot its publishers
 LINES = 10  # log lines of one round
 
 
@@ -81,7 +81,7 @@ class Rounds:
         self._unsettled = NEVER  # when the first whole state came since the last round
         self._failed = 0
         self._withdrawn: Optional[Callable[[str], None]] = None
-        self._view: Optional[View] = None  # the registrations of the roscore; None where they are not known
+        self._view: Optional[View] = None  # the registrations of the roscore; None if they are not known
         self._touched: Set[Registration] = set()
         self._began = self.took = 0.0  # when the last round began, and its seconds
         self._rest = 0.0  # until then there is no round: when many masters come together, few rounds are enough
@@ -113,12 +113,12 @@ class Rounds:
         now = monotonic()
         self.met.add(master)
         self.touch(items.union(item for item, uri in self.held.items() if uri == master))
-        # A regular round waits, too: where all robots start together, it would delay registrations on each of them.
+        # A regular round waits, too: if all robots start together, it would delay registrations on each of them.
         self._unsettled = min(now, self._unsettled)
         self._regular = min(now + SETTLED, self._unsettled + SETTLED_AFTER_ALL)
 
     def tick(self, now: float) -> float:
-        """Begin a round where one is due; the time of the next one. The end of one wakes the loop."""
+        """Begin a round if one is due; the time of the next one. The end of one wakes the loop."""
         self._started = min(self._started, now)
         if now >= self._next() and not self.working:
             self._begin(self._core.candidates(now))
@@ -201,7 +201,7 @@ class Rounds:
         self, todo: SyncPlan, view: View, here: Mapping[Registration, str], condition: Optional[Condition] = None
     ) -> None:
         """Write a plan. `here`: the registrations that are there; `condition`: of a step."""
-        after = apply_plan(todo, view)  # without what is withdrawn: that is no longer claimed, as an own node
+        after = apply_plan(todo, view)  # without the withdrawn nodes: those are no longer claimed, as an own node
         # Reported before it is visible in the roscore, so that discovery never takes it for the robot's own.
         before, self.held = self.held, {**here, **todo.held}
 
@@ -253,7 +253,7 @@ class Rounds:
             self.made[verb] += 1
             done.append((master, verb, item))
             if verb == "registered" and item.kind == "subscriber":
-                self._tell_publishers(item, master, result[2])
+                self._send_publishers(item, master, result[2])
         for master, verb, item in done[:LINES]:
             program.LOG.info("%s: %s the %s", self._name(master), verb, item)
         if len(done) > LINES:
@@ -264,15 +264,15 @@ class Rounds:
         remote = self._core.remotes.get(master)
         return remote.announced.name if remote is not None else host_of(master) or master
 
-    def _tell_publishers(self, item: Registration, master: str, publishers: List[str]) -> None:
-        """Tell a subscriber on another robot its publishers: a roscore tells only the caller."""
+    def _send_publishers(self, item: Registration, master: str, publishers: List[str]) -> None:
+        """Send a subscriber on another robot its publishers: a roscore sends them only to the caller."""
         uris = self._core.publishers_for(item, master, publishers)
         if not uris:
             return
 
         def report(_result: Any, problem: Optional[Exception]) -> None:
             if problem is not None:
-                text = f"{quote(item.node)} cannot be told who publishes {quote(item.name)}: {quote(problem)}"
+                text = f"{quote(item.node)} cannot get the publishers of {quote(item.name)}: {quote(problem)}"
                 self._limited.say("warning", f"update {item.node_uri}", text)
 
         self._updaters.submit(

@@ -33,7 +33,7 @@ class StateRoom:
             return self._held.get(uri, 0) + self._shares.find_room(self._find_party(uri))
 
     def hold(self, uri: str, size: int) -> bool:
-        """Count the state of a master, in the place of the one before. False where it is too large, and the one before counts."""
+        """Count the state of a master, in the place of the one before. False if it is too large, and the one before counts."""
         with self._lock:
             party, before = self._find_party(uri), self._held.get(uri, 0)
             if size > before + self._shares.find_room(party):

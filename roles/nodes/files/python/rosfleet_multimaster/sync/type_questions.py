@@ -30,13 +30,13 @@ class TypeQuestions:
         md5sum: Md5Sum,
         on_answer: Callable[[], None],
     ) -> None:
-        """`monitor_of(master)`: the URI of its discovery, "" where it has left; `md5sum(type)`: None where unknown here."""
+        """`monitor_of(master)`: the URI of its discovery, "" if it has left; `md5sum(type)`: None if unknown here."""
         self._workers = Workers(loop, 4)
         self.guard = TypeGuard()
         self._monitor_of, self._md5sum, self._on_answer = monitor_of, md5sum, on_answer
 
     def ask(self, verdict: TypeVerdict) -> None:
-        """Ask what is to be asked, and hand the answers to the guard later."""
+        """Ask all that is to be asked, and hand the answers to the guard later."""
         for node in verdict.nodes:
             self._workers.submit(partial(_types_of, node[1]), partial(self._take_types, node))
         for master, types in verdict.masters.items():

@@ -123,7 +123,7 @@ def test_a_key_that_others_may_know_is_refused(wg, make):
     else:
         wg.path.write_text("private9\n")
         os.chmod(wg.path, 0o640)
-    with pytest.raises(Problem, match="somebody else may know it"):
+    with pytest.raises(Problem, match="another user may know it"):
         wg.bring()
     assert not wg.made
 

@@ -247,7 +247,7 @@ def test_another_implementation_is_asked_by_its_service(ros):
 def test_the_sync_node_of_another_robot_is_not_asked(ros):
     made, master = ros
     master.imports, master.sync = None, "rosrpc://198.51.100.2:1"
-    assert "no master_sync tells what it has registered" in looked_at(made)["error"]
+    assert "no master_sync reports its registrations" in looked_at(made)["error"]
 
 
 @pytest.mark.parametrize(

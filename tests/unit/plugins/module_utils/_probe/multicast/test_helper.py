@@ -217,7 +217,7 @@ def test_without_any_answer_nothing_is_claimed():
     (result,) = air.measure([0])
     assert result["heard"] == ["c1"] and result["missing"] == [] and result["unanswered"] == ["c1"]
     assert result["udp"][0]["loss"] is result["udp"][0]["heard_by"] is result["udp"][0]["unicast"] is None
-    assert "their own result tells" in explain(result, 11511)
+    assert "their own result shows it" in explain(result, 11511)
 
 
 def test_a_dead_computer_is_named_and_not_waited_for():
@@ -284,11 +284,11 @@ def test_forged_ports_do_not_use_up_the_introductions():
         one.datagram(0, ("10.0.0.2", port), "226.0.0.0", "eth0", 0)
     member = "10.0.0.2", 40001
     assert one.datagram(0, member, "226.0.0.0", "eth0", 0) == []
-    for now in range(m.TELLS):
+    for now in range(m.TIMES):
         one.poll(now, 0)
-    ((_payload, told),) = one.datagram(m.TELLS, member, "226.0.0.0", "eth0", 0)
-    assert (told, one.datagram(m.TELLS, member, "226.0.0.0", "eth0", 0)) == (member, [])
-    again = [one.datagram(m.TELLS, ("10.0.0.2", port), "226.0.0.0", "eth0", 0) for port in range(1000)]
+    ((_payload, told),) = one.datagram(m.TIMES, member, "226.0.0.0", "eth0", 0)
+    assert (told, one.datagram(m.TIMES, member, "226.0.0.0", "eth0", 0)) == (member, [])
+    again = [one.datagram(m.TIMES, ("10.0.0.2", port), "226.0.0.0", "eth0", 0) for port in range(1000)]
     assert sum(map(len, again)) == m.PORTS - 1, "it keeps its place until it was told all times"
 
 
@@ -328,7 +328,7 @@ def test_probes_are_empty_and_slow_while_nobody_measures():
     group = [payload for unused, number, payload, address in air.sent if address == "226.0.0.0" and number == 0]
     assert set(group) == {b""} and len(group) == pytest.approx(20, abs=1)
     unicast = [payload for unused, number, payload, address in air.sent if address != "226.0.0.0"]
-    assert len(unicast) == 2 * m.TELLS
+    assert len(unicast) == 2 * m.TIMES
 
 
 def test_lifetime_ends_a_helper_between_measurements():

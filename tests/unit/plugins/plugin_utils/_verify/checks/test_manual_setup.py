@@ -10,7 +10,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.compo
 from fleets import ONE, ROBOTS, components, diagnosed, evaluate, fig12, notable, update
 
 HELD = (
-    f"{ONE}: TCP port 11311 is held by rosmaster (pid 812, user robot), where the plan has multimaster-roscore.service."
+    f"{ONE}: TCP port 11311 is held by rosmaster (pid 812, user robot), but the plan has multimaster-roscore.service."
 )
 OURS = ("services", "environment", "packet_filter", "next_boot_unit", "parameters")
 

@@ -61,7 +61,7 @@ def test_the_rate_of_a_topic_stands_beside_its_names():
         "kobuki2": [],
     }
     html = make_report(fleets.plan(exports=entries)).html
-    assert "/kobuki1/scan (here /scan, at 5 messages/s, the newest alone)" in html
+    assert "/kobuki1/scan (here /scan, at 5 messages/s, only the newest)" in html
 
 
 def test_the_traffic_is_summed_by_topic_and_robot():

@@ -83,14 +83,14 @@ Warnings:
                on kobuki2computer: chronyc tracking; chronyc -n sources; date --utc +%T.%N
 
 Not judged:
-  4. kobuki1 leaves out what the others need: the test topic [RF-443]
+  4. kobuki1 leaves out topics that the others need: the test topic [RF-443]
      seen:     subscriber hears the other's talker: kobuki1computer -> kobuki2computer: expected a message, found left
                out by multimaster_filters
      do:       in the inventory: add it to multimaster_exports of kobuki1, or take it out of multimaster_filters
                on the controller: ansible-playbook -i INVENTORY rosfleet.multimaster.site --limit kobuki1
      look:     on the master of kobuki1: rosparam get /master_discovery; rosparam get /master_sync
 
-What an id such as RF-202 means:
+The meaning of ids such as RF-202:
   https://github.com/rosfleet/multimaster/blob/main/docs/findings
 
 Not explained (lost packets, or something that comes and goes: run it again):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What discovery wants done: it accumulates in an outbox, and the program carries it out."""
+"""The actions that discovery wants: they accumulate in an outbox, and the program carries them out."""
 
 from collections import deque
 from typing import Callable, Deque, NamedTuple, Optional, Union
@@ -70,7 +70,7 @@ class ActionOutbox:
         self.actions.append(Ask(key, f"http://{key[0]}:{key[2]}", NEWCOMER_LIMIT, True))
 
     def event(self, change: str, master: AnnouncedMaster) -> None:
-        """Have the others on this computer told of a master."""
+        """Notify the other programs of this computer of a master."""
         self.actions.append(MasterEvent(change, master))
 
     def say(self, level: str, topic: str, text: str) -> None:

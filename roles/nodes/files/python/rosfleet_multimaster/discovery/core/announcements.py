@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the others are told of the own master, and when: its state, that it has gone, requests for theirs."""
+"""The announcements of the own master, and their times: its state, that it has gone, requests for theirs."""
 
 from typing import Dict, List, Optional, Tuple
 
@@ -14,7 +14,7 @@ from .peers import Peers
 
 REPEAT_CHANGES = (0.0, 0.2, 1.0)  # seconds after a change: one lost datagram must not delay it
 REPEAT_REQUESTS = (0.0, 1.0, 5.0)  # seconds after the start
-OFTEN = 1.0  # heartbeats a second, of which the next one is soon enough to tell that what a master has of others has changed
+OFTEN = 1.0  # heartbeats a second, of which the next one is soon enough to announce that a master's foreign registrations have changed
 ANSWER_PAUSE = 0.1  # seconds between two answers to one address
 MAX_ANSWERED = 4096  # addresses that are answered in a second
 
@@ -24,7 +24,7 @@ class Announcements:
 
     def __init__(self, settings: Settings, local: LocalMaster, peers: Peers, outbox: ActionOutbox) -> None:
         self._settings, self._local, self._peers, self._outbox = settings, local, peers, outbox
-        self._announce: List[float] = []  # when the state is told, or that it has gone
+        self._announce: List[float] = []  # when the state is announced, or that it has gone
         self._request: List[float] = []  # when the others are asked
         self._next_beat = 0.0
         self._left = False
@@ -41,7 +41,7 @@ class Announcements:
             self._announce = [now + after for after in REPEAT_CHANGES]
 
     def greet(self, now: float) -> None:
-        """Tell the others and ask them, since this master or its network has just come."""
+        """Greet the others and ask them, since this master or its network has just come."""
         self._announce = [now + after for after in REPEAT_CHANGES]
         self._request = [now + after for after in REPEAT_REQUESTS]
 
@@ -50,13 +50,13 @@ class Announcements:
         self._announce = []
 
     def say_gone(self, now: float) -> None:
-        """Tell the others, once, to forget the own master."""
+        """Ask the others, once, to forget the own master."""
         if not self._left:
             self._left = True
             self._announce = [now + after for after in REPEAT_CHANGES]
 
     def leave(self) -> None:
-        """Tell the others that this node ends."""
+        """Announce that this node ends."""
         self._to_all(self._local.record(Kind.LEAVE))
 
     def refresh(self, now: float) -> None:
@@ -80,8 +80,8 @@ class Announcements:
                 self._outbox.send(self._local.record(Kind.STATE), target)
 
     def tick(self, now: float) -> None:
-        """Tell the others what is due."""
-        self._tell(now)
+        """Send the announcements that are due."""
+        self._announce_state(now)
         if self._local.online and any(due <= now for due in self._request):
             self._request = [due for due in self._request if due > now]
             self._ask_for_states()
@@ -91,11 +91,11 @@ class Announcements:
         self._answered = {host: at for host, at in self._answered.items() if now - at < ANSWER_PAUSE}
 
     def due(self) -> List[float]:
-        """The times at which something is to be told."""
+        """The times at which something is to be announced."""
         announcements = [] if self._local.master is None else list(self._announce)
         return [*announcements, *self._request, self._next_beat] if self._local.online else announcements
 
-    def _tell(self, now: float) -> None:
+    def _announce_state(self, now: float) -> None:
         announce = self._local.master is not None and any(due <= now for due in self._announce)
         self._announce = [due for due in self._announce if due > now]
         if self._local.online and (announce or now >= self._next_beat):

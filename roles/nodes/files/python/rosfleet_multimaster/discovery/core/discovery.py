@@ -10,7 +10,7 @@ does not say who the master is.
 
 So a new sender is a newcomer first. It is asked over TCP who it is. A datagram can name any sender, so
 the number of newcomers is bounded, only a few are asked at a time, and silent ones are forgotten.
-A sender that answers becomes a peer, and others are told of it: `Event("new")`. Where the fleet is known (members.py), only
+A sender that answers becomes a peer, and others hear of it: `Event("new")`. If the fleet is known (members.py), only
 its robots at their planned addresses and allowed strangers become peers; the rest are outsiders (outsiders.py).
 
 A peer that is silent for longer than it promised is asked by datagrams, then over TCP, and then it is offline. It stays
@@ -18,13 +18,13 @@ listed, so that it is online again with its first heartbeat, and is removed afte
 peer goes. A LEAVE can be forged too: the peer is asked several times over TCP, and stays if it answers (life.py).
 
 The own master is announced several times after each change, since one lost datagram must not delay it. While the own
-roscore does not answer, nothing is announced, and after a while the others are told that it leaves.
+roscore does not answer, nothing is announced, and after a while its leaving is announced.
 
-So there are the own state (local_master.py, and announcements.py: what the others are told of it), the newcomers (newcomers.py),
-the peers (peers.py) and the view that others have of all masters (view.py). `Discovery` hands on what comes to them.
+So there are the own state (local_master.py, and announcements.py: its announcements), the newcomers (newcomers.py),
+the peers (peers.py) and the view that others have of all masters (view.py). `Discovery` hands their input on.
 
-There are no sockets, threads and clocks here: every time is an argument, in seconds of a clock that never steps. What is
-to be done accumulates in `Discovery.actions`. The program takes it from there, in one place, and carries it out.
+There are no sockets, threads and clocks here: every time is an argument, in seconds of a clock that never steps. An action that is
+to be done waits in `Discovery.actions`. The program takes it from there, in one place, and carries it out.
 """
 
 from typing import Container, Iterable, Optional, Tuple
@@ -45,7 +45,7 @@ from .view import MasterView
 
 SCAN, EARLY = 1.0, 0.5  # seconds between two ticks at most; and the tidying may come so much before its time
 ASLEEP = 1.5  # seconds between two ticks after which this computer was asleep, and the others were not silent
-DEAD_AFTER, LEAVE_AFTER = 1.0, 5.0  # seconds without the own roscore: it is offline; the others are told to forget it
+DEAD_AFTER, LEAVE_AFTER = 1.0, 5.0  # seconds without the own roscore: it is offline; the others are asked to forget it
 
 
 class Discovery:
@@ -68,7 +68,7 @@ class Discovery:
         self._ticked = FAR
         self._next_scan = 0.0
 
-    # What the program tells
+    # The calls of the program
 
     def take_own_state(self, master: AnnouncedMaster, now: float) -> None:
         """Take the state of the own master: its roscore answers. A changed state is announced, several times."""
@@ -78,7 +78,7 @@ class Discovery:
         self.tick(now)
 
     def note_silent_roscore(self, since: float, now: float) -> bool:
-        """Note that the roscore has not answered since then. True where it counts as offline by now."""
+        """Note that the roscore has not answered since then. True if it counts as offline by now."""
         if now - since <= DEAD_AFTER:
             return False
         if self.local.online:
@@ -92,7 +92,7 @@ class Discovery:
         return True
 
     def take_networks(self, networks: Container[str]) -> None:
-        """Take the networks of this computer. Where the fleet is known, a sender outside them is not asked who it is."""
+        """Take the networks of this computer. If the fleet is known, a sender outside them is not asked who it is."""
         self.local.networks = networks if self.members.robots else None
 
     def take_addresses(self, own_addresses: Iterable[str]) -> None:
@@ -147,7 +147,7 @@ class Discovery:
         before = entry.outlook()
         self.peers.hear(entry, beat, now)
         if entry.outlook() != before:
-            self.peers.mark_stale()  # told with the next tick: where many masters meet, many datagrams are read at once
+            self.peers.mark_stale()  # listed with the next tick: if many masters meet, many datagrams are read at once
 
     def take_contact(
         self,
@@ -159,7 +159,7 @@ class Discovery:
         gone: bool = False,
         fault: bool = False,
     ) -> bool:
-        """Take the result of an Ask: the answer, or None and why. True where it is a master that is listed.
+        """Take the result of an Ask: the answer, or None and why. True if it is a master that is listed.
 
         `gone`: it was answered that there is no master, `fault`: by a discovery node.
         """
@@ -186,7 +186,7 @@ class Discovery:
         return contact is not None and key in self.peers.table
 
     def tick(self, now: float) -> None:
-        """Do what is due; at least once a second."""
+        """Do all that is due; at least once a second."""
         late, self._ticked = now - self._ticked, now
         if late > ASLEEP:
             self.peers.wake(late - SCAN, now)
@@ -200,7 +200,7 @@ class Discovery:
             self.view.publish(now)
         self.newcomers.meet(now)
 
-    # What the program asks
+    # The questions of the program
 
     def next_tick(self) -> float:
         """The time at which `tick` has something to do."""

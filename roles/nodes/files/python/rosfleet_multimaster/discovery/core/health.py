@@ -38,7 +38,7 @@ class LinkHealth(NamedTuple):
     name: str
     uri: str
     online: bool
-    quality: float  # per cent of the heartbeats that came, -1 where none are promised or it is not there
+    quality: float  # per cent of the heartbeats that came, -1 if none are promised or it is not there
     silent: Optional[float]  # seconds since it was heard; None for not at all
     losses: int  # how often it was lost
     answer: Optional[ClockAnswer]
@@ -52,9 +52,9 @@ class LinkList(NamedTuple):
 
 
 def read_answer(value: Any, began: float, seconds: float) -> ClockAnswer:
-    """Read what getCurrentTime returned; the sender may be hostile. `began`: the wall clock here. Raises ValueError."""
+    """Read the answer of getCurrentTime; the sender may be hostile. `began`: the wall clock here. Raises ValueError."""
     if not isinstance(value, list) or len(value) != 2 or not isinstance(value[1], float):
-        raise ValueError("it does not tell its time")
+        raise ValueError("it does not give its time")
     if not (math.isfinite(value[1]) and 0.0 <= value[1] < 2**32):
         raise ValueError(f"its time is {value[1]:g}")
     return ClockAnswer(seconds, value[1] - began - seconds / 2)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The life of a peer: what its answers over TCP mean for it, and what is done when a datagram says that it leaves.
+"""The life of a peer: the meaning of its answers over TCP, and the reaction to a datagram that says that it leaves.
 
 A peer is a newcomer until it says who it is (`Peer.contact`). Then it is online or not: its heartbeats and its silence decide
-(peers.py). Beside that, it may be asked whether it has left (`Peer.checks`): anybody can write a LEAVE.
+(peers.py). It may also be asked whether it has left (`Peer.checks`): anybody can write a LEAVE.
 """
 
 from typing import Optional
@@ -60,11 +60,11 @@ class Life:
             self._ask_later(entry, news)
 
     def find_refusal(self, key: Key, contact: Optional[Contact]) -> str:
-        """Why nothing is exchanged with a master that answers so; empty where there is no reason."""
+        """Why nothing is exchanged with a master that answers so; empty if there is no reason."""
         return "" if contact is None else self._members.find_refusal(contact.uri, contact.name, key[0])
 
     def _refuse(self, entry: Peer, contact: Contact, refusal: str, now: float) -> None:
-        """Exchange nothing with a master that is not what it says, and ask it again much later. Its heartbeats are still heard."""
+        """Exchange nothing with a master with wrong claims, and ask it again much later. Its heartbeats are still heard."""
         self._outsiders.refuse(entry.key, contact, refusal, now)
         self._peers.drop(entry, now)
         entry.contact_due = now + FORGET_NEWCOMER
@@ -98,7 +98,7 @@ class Life:
             self._outbox.say("warning", f"contact {entry.key[0]}" if few else "contacts", text)
 
     def _take_check(self, entry: Peer, news: News) -> None:
-        """Ask once more whether a peer has left: soon where it did not answer, later where it did. The last check decides."""
+        """Ask once more whether a peer has left: soon if it did not answer, later if it did. The last check decides."""
         last = entry.checks == len(LEAVE_CHECKS)
         if news.contact is None and (last or news.gone):
             self._peers.drop(entry, news.now)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""This computer and its own master: what is said of it, and which addresses it may connect to."""
+"""This computer and its own master: its announced state, and the addresses that it may connect to."""
 
 from collections import deque
 from typing import Container, Deque, FrozenSet, Iterable, Optional
@@ -17,7 +17,7 @@ class LocalMaster:
     def __init__(self, settings: Settings, addresses: Iterable[str], rpc_port: int, members: Members) -> None:
         self.settings = settings
         self.addresses: FrozenSet[str] = frozenset(addresses)
-        self.networks: Optional[Container[str]] = None  # of this computer; None where they do not matter
+        self.networks: Optional[Container[str]] = None  # of this computer; None if they do not matter
         self.rpc_port = rpc_port
         self.master: Optional[AnnouncedMaster] = None
         self.since = 0.0  # when its first state came
@@ -31,7 +31,7 @@ class LocalMaster:
 
     @property
     def online(self) -> bool:
-        """True where the own master has a state to announce."""
+        """True if the own master has a state to announce."""
         return self.master is not None and self.master.online
 
     def take(self, master: AnnouncedMaster, now: float) -> Optional[AnnouncedMaster]:
@@ -55,7 +55,7 @@ class LocalMaster:
         return rpc_port == self.rpc_port and self.is_own(address)
 
     def may_ask(self, address: str) -> bool:
-        """True where a connection to an address may be made that somebody else names: never to this computer itself.
+        """True if a connection to an address may be made that another computer names: never to this computer itself.
 
         Also called in other threads.
         """
@@ -71,7 +71,7 @@ class LocalMaster:
         return address in self.networks or address in self.settings.robot_hosts
 
     def admits(self, address: str) -> bool:
-        """True where the sender may be an allowed stranger."""
+        """True if the sender may be an allowed stranger."""
         return self._members.admits(address) and self.may_ask(address)
 
     def record(self, kind: Kind) -> bytes:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Senders that are not exchanged with: asked for their names, told of once, and else ignored.
+"""Senders that are not exchanged with: asked for their names, reported once, and else ignored.
 
 A datagram can name any sender, so an address may belong to a computer that has nothing to do with it. It is
 asked over TCP twice at most, whatever is heard from there.
@@ -14,7 +14,7 @@ from .actions import ActionOutbox
 from .peer import FAR, LONG_AGO, Contact, Key
 
 TRIES = 2  # connections to an address that has not said who it is,
-AGAIN = 30.0  # and seconds until there are two more, where it may be an allowed one that is still heard
+AGAIN = 30.0  # and seconds until there are two more, if it may be an allowed one that is still heard
 PAUSE = 5.0  # seconds between two questions to an outsider
 FORGET = 600.0  # seconds of silence
 MAX_OUTSIDERS, MAX_ASKED = 256, 4  # that are remembered; that are asked at the same time
@@ -40,15 +40,15 @@ class ConnectionBudget:
             del self._spent[next(iter(self._spent))]
 
     def refund(self, address: str) -> None:
-        """Give back what was spent: this address has answered."""
+        """Give back the tries that were spent: this address has answered."""
         self._spent.pop(address, None)
 
 
 class Outsider(NamedTuple):
-    """A sender that is ignored, as people are told of it."""
+    """A sender that is ignored, as people see it."""
 
     address: str
-    name: str  # "" where it has not said one
+    name: str  # "" if it has not said one
     uri: str
     why: str
 
@@ -83,7 +83,7 @@ class Outsiders:
         """Take a datagram of an outsider. `may_ask`: its address is one that this computer may connect to."""
         entry = self._note(address, rpc_port, now, now if may_ask and self._has_tries(address) else FAR)
         if entry.due == FAR and entry.notice is None and not entry.asking:
-            self._tell(entry, Outsider(address, "", "", "it is no robot of the fleet"))
+            self._report(entry, Outsider(address, "", "", "it is no robot of the fleet"))
 
     def due(self, now: float) -> Iterator[Key]:
         """The outsiders to ask now who they are."""
@@ -110,15 +110,15 @@ class Outsiders:
         entry.asking = False
         self._asking -= 1
         if contact is not None:
-            self._tell(entry, Outsider(key[0], contact.name, contact.uri, why))
+            self._report(entry, Outsider(key[0], contact.name, contact.uri, why))
         elif self._has_tries(key[0]):
             entry.due = now + PAUSE
         else:
-            self._tell(entry, Outsider(key[0], "", "", "it does not say who it is"))
+            self._report(entry, Outsider(key[0], "", "", "it does not say who it is"))
 
     def refuse(self, key: Key, contact: Contact, why: str, now: float) -> None:
         """Note one that was asked otherwise, and is not who it should be."""
-        self._tell(self._note(key[0], key[2], now, FAR), Outsider(key[0], contact.name, contact.uri, why))
+        self._report(self._note(key[0], key[2], now, FAR), Outsider(key[0], contact.name, contact.uri, why))
 
     def forget(self, now: float) -> None:
         """Forget those that have been silent for long."""
@@ -131,7 +131,7 @@ class Outsiders:
             del self._tries[next(iter(self._tries))]
 
     def list_ignored(self) -> List[Outsider]:
-        """The outsiders that people are told of."""
+        """The outsiders that people are shown."""
         return [entry.notice for entry in self._table.values() if entry.notice is not None]
 
     def _has_tries(self, address: str) -> bool:
@@ -140,14 +140,14 @@ class Outsiders:
         return self._tries.get(address, (0, 0.0))[0] < TRIES
 
     def _note(self, address: str, rpc_port: int, now: float, due: float) -> _Outsider:
-        """Note that one was heard. Where there are too many, the longest silent one is forgotten; its tries stay spent."""
+        """Note that one was heard. If there are too many, the longest silent one is forgotten; its tries stay spent."""
         entry = self._table.pop(address, None) or _Outsider(rpc_port, now, due)
         while len(self._table) >= MAX_OUTSIDERS:
             del self._table[next(first for first, other in self._table.items() if not other.asking)]
         self._table[address], entry.heard = entry, now
         return entry
 
-    def _tell(self, entry: _Outsider, outsider: Outsider) -> None:
+    def _report(self, entry: _Outsider, outsider: Outsider) -> None:
         """Log an ignored sender, once."""
         if entry.notice != outsider:
             entry.notice = outsider

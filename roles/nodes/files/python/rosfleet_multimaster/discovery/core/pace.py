@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How soon a roscore that does not tell its changes is read again.
+"""The pause until a roscore that does not report its changes is read again.
 
 Free of sockets, threads and clocks: times are arguments, in seconds of a clock that never steps.
 """
@@ -12,7 +12,7 @@ POLLS = 100  # a look takes at most one part in so many of the time
 SLOWEST = 5.0  # seconds between two looks at most
 QUICK, QUICK_POLLS = 0.02, 4  # seconds between two polls, and the same part, in
 LIVELY = 1.0  # seconds after a change of own nodes: changes come together
-SAMPLES = 8  # looks, of which the quickest says what one costs: the others have waited for a processor
+SAMPLES = 8  # looks, of which the quickest shows the cost of one: the others have waited for a processor
 
 
 class PollPace:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A peer: what it is known by, what was heard of it, and who it says it is. What can happen to one is in peers.py and life.py.
+"""A peer: its key, its heartbeats, and the name that it gives itself. The events of one are in peers.py and life.py.
 
 A peer is a sender of heartbeats: an address, a UDP port and an XML-RPC port.
 """
@@ -49,7 +49,7 @@ class Contact(NamedTuple):
 
 
 def find_name_problem(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:
-    """The reason why the nodes of a master cannot be reached by its name; empty where they can.
+    """The reason why the nodes of a master cannot be reached by its name; empty if they can.
 
     `heard` is the address that it sends from, `address` that of its name ("" for none), `there` the contact that answers at the latter.
     A gateway has two: its name leads to the one in the robot's network, and it is heard from the other.
@@ -62,7 +62,7 @@ def find_name_problem(contact: Contact, heard: str, address: str, there: Optiona
     if address == heard or (there is not None and there.uri == contact.uri):
         return ""
     return (
-        f"{contact.host} resolves to {address}, where {contact.name} does not answer, and {contact.name} is heard from"
+        f"{contact.host} resolves to {address}, at which {contact.name} does not answer, and {contact.name} is heard from"
         f" {heard}: its topics may be silent"
     )
 
@@ -76,7 +76,7 @@ class Peer:
     heard: float  # its last sign of life
     beat: Heartbeat
     contact: Optional[Contact] = None  # none yet: a newcomer
-    online: bool = False  # others are told that it is
+    online: bool = False  # others see that it is
     credit: int = 0  # datagrams since it was last asked in vain who it is,
     failures: int = 0  # and how often it was
     requested: float = LONG_AGO  # when its state was asked for by a datagram
@@ -106,12 +106,12 @@ class Peer:
 
     @property
     def unreachable(self) -> bool:
-        """True where it did not answer over TCP, and has not been heard since."""
+        """True if it did not answer over TCP, and has not been heard since."""
         return self.failed > self.heard
 
     @property
     def overdue(self) -> bool:
-        """True where it was asked for its state and has not been heard since."""
+        """True if it was asked for its state and has not been heard since."""
         return self.requested > self.heard
 
     def outlook(self) -> Tuple[Any, ...]:
@@ -121,7 +121,7 @@ class Peer:
         return (*state, self.rate, self.contact_due, self.contact, silent)
 
     def master(self) -> AnnouncedMaster:
-        """The master as others are told of it; not for a newcomer."""
+        """The master as others see it; not for a newcomer."""
         stamp, local = self.beat.stamp.seconds, self.beat.local_stamp.seconds
         contact = self.contact or Contact(0.0, "", "", "")
         return AnnouncedMaster(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The peers: senders that have said who they are. Their heartbeats, and what happens where these stay away."""
+"""The peers: senders that have said who they are. Their heartbeats, and the consequences if these stay away."""
 
 from typing import Callable, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
 
@@ -11,14 +11,16 @@ from .actions import ActionOutbox
 from .local_master import LocalMaster
 from .peer import FAR, Contact, Key, Peer
 
-MARGIN = 0.5  # of ~offline_after: the time that master_sync has to withdraw what a lost master had
+MARGIN = 0.5  # of ~offline_after: the time that master_sync has to withdraw the registrations of a lost master
 ASK_PAUSE = 0.2  # seconds between two requests to a master that missed its beat
 SLOW_PAUSE, SLOW_PATIENCE = 1.0, 5.5  # seconds: the same for a master that promises few beats, and how long it is asked
-RETURNED = 5.0  # seconds after the return of a robot of the fleet: its place says who it is, and what it offers is wanted first
+RETURNED = (
+    5.0  # seconds after the return of a robot of the fleet: its place identifies it, and its topics are wanted first
+)
 CONTACT_PAUSE = 5.0  # seconds between two contacts that nothing but requests of the other side ask for
 MAX_MASTERS, MAX_PER_ADDRESS = 1024, 16  # more would be a flood
 
-Step = Tuple[float, Callable[[Peer, float], None]]  # when, and what is done then
+Step = Tuple[float, Callable[[Peer, float], None]]  # the time, and the action then
 
 
 class Patience(NamedTuple):
@@ -55,7 +57,7 @@ class Peers:
 
     def __init__(self, settings: Settings, members: Members, local: LocalMaster, outbox: ActionOutbox) -> None:
         self.table: Dict[Key, Peer] = {}
-        self.stale = False  # something may differ from what is public
+        self.stale = False  # something may differ from the public list
         self._settings, self._members, self.local, self._outbox = settings, members, local, outbox
         self._first_step: Optional[float] = None  # see next_step
         self._crowds: Optional[Set[str]] = None  # addresses with several masters
@@ -63,7 +65,7 @@ class Peers:
     def mark_stale(self) -> None:
         """Note that something changed about a master, and not only the time of its last beat.
 
-        With many masters most datagrams are plain beats. What looks at all masters must not be done for each of them.
+        With many masters most datagrams are plain beats. A look at all masters must not be made for each of them.
         """
         self.stale, self._first_step, self._crowds = True, None, None
 
@@ -74,11 +76,11 @@ class Peers:
     # The table
 
     def has_room(self, entry: Peer) -> bool:
-        """True where a newcomer can be listed. Where one address has too many peers, one of these goes instead."""
+        """True if a newcomer can be listed. If one address has too many peers, one of these goes instead."""
         return len(self.table) < MAX_MASTERS or len(self._find_by_address(entry)) >= MAX_PER_ADDRESS
 
     def add(self, entry: Peer) -> None:
-        """List a newcomer. Where one address has too many peers, the one goes that sent nothing for the longest time."""
+        """List a newcomer. If one address has too many peers, the one goes that sent nothing for the longest time."""
         same = self._find_by_address(entry)
         if len(same) >= MAX_PER_ADDRESS:
             del self.table[min(same, key=lambda other: other.beats[-1] if other.beats else other.since).key]
@@ -142,7 +144,7 @@ class Peers:
             entry.heard = min(now, entry.heard + late)
 
     def step(self, now: float) -> None:
-        """Do what is due about the masters."""
+        """Do all that is due about the masters."""
         if now < self.next_step():
             return
         self._first_step = None
@@ -153,7 +155,7 @@ class Peers:
                     step(entry, now)
 
     def next_step(self) -> float:
-        """A time before which nothing is due about any master. A plain beat only puts off what is."""
+        """A time before which nothing is due about any master. A plain beat only delays due actions."""
         if self._first_step is None:
             steps = (at for entry in self.table.values() for at, _step in self._steps(entry))
             self._first_step = min(steps, default=FAR)
@@ -188,7 +190,7 @@ class Peers:
         self._outbox.send(self.local.record(Kind.REQUEST), None if to_group else entry.key[0])
 
     def _is_crowded(self, entry: Peer) -> bool:
-        """True where several masters share its address, so that unicast reaches only one of them."""
+        """True if several masters share its address, so that unicast reaches only one of them."""
         if self._crowds is None:
             ports: Dict[str, Set[int]] = {}
             for address, _port, rpc_port in self.table:

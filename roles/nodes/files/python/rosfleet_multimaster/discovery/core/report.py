@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What people are shown of discovery: entries of /diagnostics about links, masters, clocks and strangers; metrics."""
+"""The view of discovery for people: entries of /diagnostics about links, masters, clocks and strangers; metrics."""
 
 from typing import Any, Callable, Dict, Iterable, List, Optional, Sequence, Tuple
 
@@ -22,7 +22,7 @@ def outsiders(ignored: Iterable[Outsider]) -> DiagnosticEntry:
 
 
 def roscore(uri: str, away: str, refused: Any = None) -> DiagnosticEntry:
-    """The entry about the own roscore. `away`: why there is no state of it, "" where there is one.
+    """The entry about the own roscore. `away`: why there is no state of it, "" if there is one.
 
     `refused`: bound -> how many requests were beyond it since its start.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What others see: the masters as they are told of them, and the quality of the links."""
+"""The view of others: the masters as these see them, and the quality of the links."""
 
 from itertools import takewhile
 from typing import Deque, Dict, List, Sequence, Tuple
@@ -15,7 +15,7 @@ from .peers import Peers
 
 
 class MasterView:
-    """The masters that others were told of."""
+    """The masters that others see."""
 
     def __init__(
         self, settings: Settings, members: Members, local: LocalMaster, peers: Peers, outbox: ActionOutbox
@@ -24,7 +24,7 @@ class MasterView:
         self._public: Dict[str, AnnouncedMaster] = {}
 
     def publish(self, now: float) -> None:
-        """Compare what is known with what was told, and tell the difference. `now`: of the last tick.
+        """Compare the known masters with the listed ones, and list the difference. `now`: of the last tick.
 
         Masters are known by their URI here: one that is heard from two addresses is there while one of them is. A peer
         can answer with the URI of another one. So it is shown at the same address until it does not answer there over TCP.
@@ -61,7 +61,7 @@ class MasterView:
         return best.master()
 
     def report_twins(self, entry: Peer, contact: Contact) -> None:
-        """Say where a peer is called as another master is."""
+        """Report a peer with the name of another master."""
         if contact.uri == self._local.uri:
             text = (
                 f"{entry.monitor_uri} calls its master {contact.uri}, as this computer calls its own: nothing is"
@@ -71,7 +71,7 @@ class MasterView:
         for peer in self._peers.table.values() if self._members.master(contact.uri) is None else ():
             if peer.contact is not None and peer.contact.uri == contact.uri and peer.key[0] != entry.key[0]:
                 text = (
-                    f"{contact.name} ({contact.uri}) answers at {peer.key[0]} and at {entry.key[0]}: it stays where it is for"
+                    f"{contact.name} ({contact.uri}) answers at {peer.key[0]} and at {entry.key[0]}: it keeps its place for"
                     " as long as it answers there"
                 )
                 self._outbox.say("warning", f"twice {contact.uri}", text)

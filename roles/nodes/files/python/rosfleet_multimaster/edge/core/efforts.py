@@ -5,7 +5,7 @@
 Each item has a bound of its own. Many of them, one after the other, would take the whole processor all the same. So a party
 that has taken more than its share waits, and nobody else does.
 
-Shares (shares.py) are of what is held and given back. Time cannot be given back: it is made up for by waiting. So the two are
+Shares (shares.py) are of things that are held and given back. Time cannot be given back: it is made up for by waiting. So the two are
 two classes, and all doors use them.
 """
 
@@ -16,7 +16,7 @@ REST = ""  # the account of those
 
 
 class Efforts:
-    """The accounts of all parties, in seconds of a processor: what each has taken, and has not paid back yet by waiting."""
+    """The accounts of all parties, in seconds of a processor: the time that each has taken, and has not paid back yet by waiting."""
 
     def __init__(
         self, share: float, ahead: float, together: float = float("inf"), others: Optional[Mapping[str, float]] = None
@@ -34,13 +34,13 @@ class Efforts:
         return len(self._debts)
 
     def spend(self, party: str, seconds: float, now: float) -> None:
-        """Count what a party has taken."""
+        """Count the time that a party has taken."""
         self._pay_back(now)
         account = self._find_account(party)
         self._debts[account] = self._debts.get(account, 0.0) + seconds
 
     def find_wait(self, party: str, now: float) -> float:
-        """Return the seconds until a party may go on, as far as it is known now; 0 where it may."""
+        """Return the seconds until a party may go on, as far as it is known now; 0 if it may."""
         self._pay_back(now)
         account = self._find_account(party)
         return max(0.0, (self._debts.get(account, 0.0) - self._ahead) / self._find_rate(account))

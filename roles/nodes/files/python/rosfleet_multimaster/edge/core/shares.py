@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shares of what there is at most: connections, calls or bytes, by who has them.
+"""Shares of a limited number of connections, calls or bytes, by their holders.
 
 A robot has many addresses, ports and connections, and is one party. All computers that belong to no robot are one, too. A half
 is kept for the parties, so that nobody can take it. The other half is for who comes first.
@@ -22,7 +22,7 @@ class Shares:
         for_own: Optional[int] = None,
         for_others: Optional[int] = None,
     ) -> None:
-        """`own`: a party that is bounded by the rest alone; `for_own`: kept for it, a quarter without a word.
+        """`own`: a party that is bounded only by the rest; `for_own`: kept for it, a quarter without a word.
 
         `for_others`: kept for the others together, without a word a quarter, or a half without an own party; each has one,
         however many they are.
@@ -34,7 +34,7 @@ class Shares:
             self._kept[own] = most // 4 if for_own is None else for_own
         self._own, self._most_of_one = own, most_of_one
         self._left = most - sum(self._kept.values())  # for who comes first
-        self.counts: Counter[str] = Counter()  # what each party has
+        self.counts: Counter[str] = Counter()  # the holdings of each party
 
     def have_room(self, party: str, number: int = 1) -> bool:
         """True if a party may have so many more."""
@@ -64,6 +64,6 @@ class Shares:
         return self.counts[party]
 
     def _find_excess(self, party: str, number: int) -> int:
-        """How much more beyond what is kept for it a party would have."""
+        """How much more than its reserve a party would have."""
         kept, before = self._kept.get(party, 0), self.counts[party]
         return max(0, before + number - kept) - max(0, before - kept)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Other programs of this computer: one that runs beside this one, and short ones whose output is wanted.
+"""Other programs of this computer: one that runs with this one, and short ones whose output is wanted.
 
-What they print may be hostile text: rosout prints the reason of a `shutdown`. So no program is given the standard streams of
-this one. What it writes to its own is handed on line by line, or goes nowhere.
+Their output may be hostile text: rosout prints the reason of a `shutdown`. So no program is given the standard streams of
+this one. Its own output is handed on line by line, or goes nowhere.
 """
 
 import os
@@ -12,7 +12,7 @@ import subprocess
 import threading
 from typing import IO, Callable, Iterator, List, Optional, Sequence
 
-_PIECE = 8192  # bytes of a line; what is more of it is left out
+_PIECE = 8192  # bytes of a line; the rest of it is left out
 _DRAINED = 1.0  # seconds for the last lines of a program that has ended
 _COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
 
@@ -27,7 +27,7 @@ class Child:
         self._reader: Optional[threading.Thread] = None
 
     def runs(self) -> bool:
-        """True where it is there."""
+        """True if it is there."""
         return self._process is not None and self._process.poll() is None
 
     def start(self, command: Sequence[str]) -> None:
@@ -66,7 +66,7 @@ class Child:
 
 
 def _lines(stream: IO[bytes]) -> Iterator[str]:
-    """The lines that are not empty, each without what is too long of it, and without colours."""
+    """The lines that are not empty, each without its rest beyond the limit, and without colours."""
     begun = True
     while True:
         piece = stream.readline(_PIECE)
@@ -79,7 +79,7 @@ def _lines(stream: IO[bytes]) -> Iterator[str]:
 
 
 def output(command: Sequence[str], seconds: float) -> str:
-    """The output of a program, "" where it fails."""
+    """The output of a program, "" if it fails."""
     try:
         text = subprocess.check_output(
             list(command), stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=seconds

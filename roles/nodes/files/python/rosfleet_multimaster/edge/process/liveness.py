@@ -25,7 +25,7 @@ class Limits(NamedTuple):
 
 
 class Thread(NamedTuple):
-    """A thread: its state (proc(5)), its processor time and its time on the run queue (ns; 0 where the kernel does not count)."""
+    """A thread: its state (proc(5)), its processor time and its time on the run queue (ns; 0 if the kernel does not count)."""
 
     state: str
     ran: int
@@ -42,7 +42,7 @@ class Sample(NamedTuple):
 
 
 def read_sample(pid: int, proc: str = "/proc") -> Optional[Sample]:
-    """A sample of a process; None where it is gone, or not to be seen."""
+    """A sample of a process; None if it is gone, or not to be seen."""
     try:
         fields = _fields(f"{proc}/{pid}/stat")
         tasks = os.listdir(f"{proc}/{pid}/task")
@@ -80,7 +80,7 @@ def is_starved(before: Sample, after: Sample) -> bool:
     for name, thread in after.threads.items():
         earlier = before.threads.get(name, Thread("", 0, 0))
         grown = (thread.waited - earlier.waited) / 1e9
-        # The kernel adds a wait when it ends. Of one that lasts there is the state alone.
+        # The kernel adds a wait when it ends. Of one that lasts there is only the state.
         lasts = thread.state == "R" and (thread.ran, thread.waited) == (earlier.ran, earlier.waited)
         waited += wall if lasts or thread.state == "D" else grown
     return waited >= _SHARE * wall
@@ -104,7 +104,7 @@ class Silence:
         return sample.started == self._first.started
 
     def find_hang(self, age: float, limits: Limits) -> str:
-        """Why it hangs; "" where it does not. `age`: seconds since its last sign of life."""
+        """Why it hangs; "" if it does not. `age`: seconds since its last sign of life."""
         if age < limits.silence:
             return ""
         spent = self._last.spent - self._first.spent

@@ -23,7 +23,7 @@ from ..roscore import Roscore
 from . import memory
 from .systemd import notify
 
-FAILURES = (OSError, ValueError, xmlrpc.client.Fault)  # what a call to another program may end with
+FAILURES = (OSError, ValueError, xmlrpc.client.Fault)  # the exceptions of a call to another program
 
 LOG = logging.getLogger("rosfleet")
 
@@ -79,7 +79,7 @@ class LimitedLog:
 def read_parameters(description: str, table: parameters.Table) -> Optional[parameters.Overlay]:
     """The parameters of the file that the arguments name, or None without one. Raises Fatal.
 
-    What ROS has to say in the arguments (`name:=value`) is left to ROS.
+    The words of ROS in the arguments (`name:=value`) are left to ROS.
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument(
@@ -120,7 +120,7 @@ def settle_parameters(
 ) -> Dict[str, Any]:
     """The parameters in force. Those of a file replace the node's whole namespace; else they are read from there.
 
-    Starts the log again at their level, and says there what is wrong with them. Raises Fatal.
+    Starts the log again at their level, and reports their faults there. Raises Fatal.
     """
     if read is None:
         given, do_not_sync = roscore.ask(("getParam", node), ("getParam", "/do_not_sync"))
@@ -174,14 +174,14 @@ def give_up(reason: str) -> None:
 
 
 def run(main: Callable[[], int]) -> None:
-    """Run a program, and end it with one sentence where it cannot go on."""
+    """Run a program, and end it with one sentence if it cannot go on."""
     # Python would say something about a questionable regular expression of the own filters; the check of them has said it.
     warnings.filterwarnings("ignore", "Possible (nested set|set )", FutureWarning)
     warnings.filterwarnings("ignore", "Flags not at the start", DeprecationWarning)
     memory.give_back()
     journal.plain_streams()
     start_log()
-    faulthandler.enable(2)  # the watchdog's SIGABRT shows where each thread hangs
+    faulthandler.enable(2)  # the watchdog's SIGABRT shows the line at which each thread hangs
     status = 1
     try:
         status = main()

@@ -24,13 +24,13 @@ class Room:
 
     @contextlib.contextmanager
     def take(self, robot: str, size: int, waits: bool = True) -> Iterator[None]:
-        """Take some bytes, or wait for them. Raises NoRoom. `waits`: False for what is there already, and would stay meanwhile."""
+        """Take some bytes, or wait for them. Raises NoRoom. `waits`: False for bytes that are there already, and would stay meanwhile."""
         if size <= self._small:
             yield
             return
         with self._freed:
             if not self._freed.wait_for(lambda: self._shares.have_room(robot, size), self._patience * waits):
-                raise NoRoom(f"{size:,} bytes are too many beside what else is under way")
+                raise NoRoom(f"{size:,} bytes are too many with the others that are under way")
             self._change(robot, size)
         try:
             yield

@@ -17,12 +17,12 @@ _OFTEN = 5.0  # seconds between two signs of life at most: end_hangs.py misses o
 
 
 def notify(*assignments: str) -> None:
-    """Tell systemd (sd_notify): "READY=1", "STATUS=...", "STOPPING=1". Does nothing outside a service.
+    """Notify systemd (sd_notify): "READY=1", "STATUS=...", "STOPPING=1". Does nothing outside a service.
 
-    Each assignment is one line, whatever stands in it: a text of others adds none of its own.
+    Each assignment is one line, whatever is in it: a foreign text adds none of its own.
     """
     lines = [plain(text, LINE) for text in assignments]
-    _send("\n".join(lines), [], f"told {lines[0]}")
+    _send("\n".join(lines), [], f"sent {lines[0]}")
 
 
 def _send(message: str, rights: List[Any], what: str) -> None:
@@ -36,7 +36,7 @@ def _send(message: str, rights: List[Any], what: str) -> None:
 
 
 def watchdog() -> Optional[float]:
-    """The seconds after which systemd is to hear of this process, again and again; None where it need not."""
+    """The seconds after which systemd is to hear of this process, again and again; None if it need not."""
     try:
         microseconds = int(os.environ.get("WATCHDOG_USEC", ""))
     except ValueError:

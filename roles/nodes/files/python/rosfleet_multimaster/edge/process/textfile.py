@@ -34,7 +34,7 @@ def write(path: str, text: str) -> None:
 
 
 def remove(path: str) -> None:
-    """Remove the file, where it is there, and the draft that a killed writer left."""
+    """Remove the file, if it is there, and the draft that a killed writer left."""
     for name in (path, f"{path}.new"):
         with contextlib.suppress(OSError):
             os.unlink(name)

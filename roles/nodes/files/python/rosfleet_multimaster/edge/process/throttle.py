@@ -7,24 +7,24 @@ import threading
 from ..clock import monotonic, sleep
 from ..core.efforts import Efforts
 
-_LOOK = 0.5  # seconds between two looks of somebody who waits
+_LOOK = 0.5  # seconds between two looks of a caller that waits
 
 
 class Throttle:
     """The accounts of all callers, and the wait of each in its own thread."""
 
     def __init__(self, share: float, together: float, ahead: float, patience: float) -> None:
-        """`share`, `together`, `ahead`: as of Efforts; `patience`: seconds that somebody waits at most."""
+        """`share`, `together`, `ahead`: as of Efforts; `patience`: seconds that a caller waits at most."""
         self.efforts = Efforts(share, ahead, together)
         self._patience, self._lock = patience, threading.Lock()
 
     def spend(self, caller: str, seconds: float) -> None:
-        """Count what a request of a caller has taken."""
+        """Count the time that a request of a caller has taken."""
         with self._lock:
             self.efforts.spend(caller, seconds, monotonic())
 
     def wait(self, caller: str) -> bool:
-        """Wait until a caller may ask again. False where it would have to wait for longer than the patience lasts."""
+        """Wait until a caller may ask again. False if it would have to wait for longer than the patience lasts."""
         until = monotonic() + self._patience
         while True:
             with self._lock:

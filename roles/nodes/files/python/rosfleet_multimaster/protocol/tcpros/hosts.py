@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""The hosts and ports in URIs of nodes, each in its only spelling: what programs read in different ways is refused.
+"""The hosts and ports in URIs of nodes, each in its only spelling: a spelling that programs read in different ways is refused.
 
-Nodes, modules and controller read hosts of others here alone. The modules have a copy (plugins/module_utils/_probe/ros_client/hosts.py,
+Nodes, modules and controller read foreign hosts only here. The modules have a copy (plugins/module_utils/_probe/ros_client/hosts.py,
 tools/copies.py), so it runs on Python 3.6 and needs nothing.
 """
 
@@ -13,7 +13,7 @@ import typing
 from functools import lru_cache
 
 LONGEST = 300  # characters of a URI: a name has 253 at most
-# No path, user or query: programs differ in what they take for the host of such a text.
+# No path, user or query: programs differ in the host that they read in such a text.
 _URI = re.compile(r"[a-z]+://(?:([a-z0-9_.-]+)|\[([0-9a-f:]+)\])(?::([0-9]{1,5}))?/?", re.ASCII | re.IGNORECASE)
 _LABEL = "[a-z0-9_](?:[a-z0-9_-]{0,61}[a-z0-9_])?"
 # getaddrinfo(3) takes a number at the end for an address: 127.1, 2130706433, 0x7f.1
@@ -21,7 +21,7 @@ _HOST_NAME = re.compile(rf"(?:{_LABEL}\.)*(?!(?:[0-9]+|0x[0-9a-f]*)\Z){_LABEL}")
 
 
 def place_of(uri: str) -> typing.Tuple[str, int]:
-    """The host of a URI in its only spelling, and its port, 0 where it has none. An empty host: it has none, or another spelling.
+    """The host of a URI in its only spelling, and its port, 0 if it has none. An empty host: it has none, or another spelling.
 
     A host is an IPv4 address in its usual spelling, an IPv6 address as RFC 5952 writes it, or a name in small letters. All
     other ways to write an address are refused, since a list of hosts has each one once.
@@ -64,7 +64,7 @@ def host_of(uri: str) -> str:
 
 
 def port_of(uri: str) -> int:
-    """The port of a URI; 0 where it has none."""
+    """The port of a URI; 0 if it has none."""
     return place_of(uri)[1]
 
 

@@ -17,7 +17,7 @@ class MessageReader:
         self.skipped = 0  # messages
         self._left = 0  # bytes of one that is being skipped
         self._held = bytearray()
-        self._at = 0  # what is before has been taken
+        self._at = 0  # the bytes before it have been taken
 
     @property
     def size(self) -> int:
@@ -35,7 +35,7 @@ class MessageReader:
         self._held += data[skip:] if skip else data
 
     def take(self) -> Optional[bytes]:
-        """Return the next message; None where it is not whole."""
+        """Return the next message; None if it is not whole."""
         while self.size >= _SIZE.size:
             (size,) = _SIZE.unpack_from(self._held, self._at)
             end = self._at + _SIZE.size + size

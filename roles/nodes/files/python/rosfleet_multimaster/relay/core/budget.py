@@ -6,7 +6,7 @@ from typing import Collection, Dict, Mapping, Optional, Protocol, Set, Tuple
 
 from ...edge.core.shares import Shares
 
-ALL = 32 << 20  # bytes of messages: what waits, what is being sent, and what is being read
+ALL = 32 << 20  # bytes of messages: that wait, are being sent, or are being read
 KEPT = (
     16 << 20,
     8 << 20,
@@ -24,7 +24,7 @@ def weigh_fields(fields: Mapping[str, str]) -> int:
 class Payer(Protocol):
     """A connection, as the budget sees it."""
 
-    progress: float  # when bytes of what is being sent have left it for the last time
+    progress: float  # when bytes have left it for the last time
 
     @property
     def robot(self) -> str:
@@ -36,7 +36,7 @@ class Payer(Protocol):
 
     @property
     def is_sending(self) -> bool:
-        """True if it holds what is being sent, besides."""
+        """True if it also holds messages that are being sent."""
 
     @property
     def is_stuck(self) -> bool:
@@ -52,8 +52,8 @@ class Payer(Protocol):
 class Budget:
     """The bytes that all connections may hold together. A message counts once, however many hold it.
 
-    Beyond the limit those that read nothing for long end, then the fullest of the robot that has most loses what waits and what is being
-    read, then the one that reads nothing for longest ends. What cannot be given back is refused at once, by robot.
+    Beyond the limit those that read nothing for long end, then the fullest of the robot that has most loses messages that wait and those being
+    read, then the one that reads nothing for longest ends. Bytes that cannot be given back are refused at once, by robot.
     """
 
     def __init__(self, limit: int = ALL, robots: Collection[str] = (), own: str = "") -> None:
@@ -64,14 +64,14 @@ class Budget:
         self._held: Dict[int, Tuple[bytes, int]] = {}  # identity of a message -> the message, by how many it is held
 
     def hold(self, message: bytes) -> None:
-        """Count a message that somebody holds."""
+        """Count a message that a connection holds."""
         _message, count = self._held.get(id(message), (message, 0))
         self._held[id(message)] = (message, count + 1)
         if not count:
             self.change(len(message))
 
     def release(self, message: bytes) -> None:
-        """Somebody holds a message no more."""
+        """A connection holds a message no more."""
         _message, count = self._held[id(message)]
         if count > 1:
             self._held[id(message)] = (message, count - 1)
@@ -80,14 +80,14 @@ class Budget:
             self.change(-len(message))
 
     def keep(self, robot: str, size: int) -> bool:
-        """Count bytes that stay for a robot; below 0 they are given back. False where these are too many, and none is counted."""
+        """Count bytes that stay for a robot; below 0 they are given back. False if these are too many, and none is counted."""
         if size > 0 and not self._kept.have_room(robot, size):
             return False
         self._kept.add(robot, size)
         return True
 
     def latch(self, robot: str, before: Optional[bytes], message: Optional[bytes]) -> bool:
-        """Keep a robot's message for who comes later in the place of another one; False where these are too many bytes, and neither is kept."""
+        """Keep a robot's message for later listeners in the place of another one; False if these are too many bytes, and neither is kept."""
         self._latched.remove(robot, len(before or b""))
         if not self._latched.have_room(robot, len(message or b"")):
             return False

@@ -3,7 +3,7 @@
 """The channels of a relay: which topics and services cross, to whom, by which names.
 
 On the robot that a channel is of, names are inner ones (/scan). Its peers have them below a namespace (/kobuki1/scan), and so
-have the two relays between them. What the robot has goes to the peer; topics that are named for it come back. Each relay
+have the two relays between them. Topics of the robot go to the peer; topics that are named for it come back. Each relay
 gives and takes by this itself, so no other one makes it do more.
 """
 
@@ -17,7 +17,7 @@ from .frames import STATIC, STATIC_TYPE, Frames
 from .rates import NO_RATE, Rate
 
 MOST_OFFERS = 1000  # of one peer
-# Of one topic, of all topics of one peer, and of all peers together: each costs 800 bytes where they are taken.
+# Of one topic, of all topics of one peer, and of all peers together: each costs 800 bytes if they are taken.
 MOST_NODES, MOST_OF_ALL, TOGETHER = 50, 2000, 40_000
 TOPIC, SERVICE = "topic", "service"
 
@@ -45,7 +45,7 @@ class Channel(NamedTuple):
     base: str = ""  # the beginning of inner names that the namespace replaces
     rate: Rate = NO_RATE  # of each topic
     newest: bool = False  # only the newest message waits for a slow link
-    frames: Optional[Frames] = None  # of the robot with the inner names, where the others have them by other names
+    frames: Optional[Frames] = None  # of the robot with the inner names, if the others have them by other names
 
     @classmethod
     def from_entry(cls, entry: Mapping[str, Any]) -> "Channel":
@@ -67,21 +67,21 @@ class Channel(NamedTuple):
 
     @property
     def inner_frames(self) -> Optional[Frames]:
-        """The frames of this robot, where the peer has them by other names."""
+        """The frames of this robot, if the peer has them by other names."""
         return self.frames if self.inner else None
 
     @property
     def has_root(self) -> bool:
-        """True if the relay itself publishes how this robot's tree of frames hangs together with those of others."""
+        """True if the relay itself publishes the transform between this robot's tree of frames and those of others."""
         return self.inner_frames is not None and bool(self.inner_frames.world) and self.topics.matches(STATIC)
 
     def find_name(self, kind: str, local: str) -> Optional[str]:
-        """Return the relays' name of a topic or service that this robot gives; None where it does not cross."""
+        """Return the relays' name of a topic or service that this robot gives; None if it does not cross."""
         inner = local if self.inner else self._strip(local)
         return None if inner is None or not self._goes(kind, inner, given=True) else self.rename(inner)
 
     def find_local(self, kind: str, name: str, *, given: bool) -> Optional[str]:
-        """Return this robot's name of a topic or service that the relays name so, and that it gives or takes; None where it does not."""
+        """Return this robot's name of a topic or service that the relays name so, and that it gives or takes; None if it does not."""
         inner = self._strip(name)
         if inner is None or not self._goes(kind, inner, given):
             return None
@@ -107,7 +107,7 @@ Own = Dict[str, Tuple[str, ...]]  # topic or service -> nodes of this robot
 
 
 class OwnNodes(NamedTuple):
-    """Tells the nodes of this robot from all others at its roscore: they are on its computers, and master_sync has not recorded them."""
+    """Distinguishes the nodes of this robot from all others at its roscore: they are on its computers, and master_sync has not recorded them."""
 
     hosts: Container[str]  # of this robot; multimaster_fkie's master_sync records nothing
     claims: Container[NodeKey] = ()
@@ -130,7 +130,7 @@ def list_own(table: Mapping[str, Sequence[str]], uris: Mapping[str, str], own: s
 def list_offers(
     channels: Iterable[Channel], topics: Own, services: Own, types: Mapping[str, str], own: str
 ) -> List[Offer]:
-    """Return what the channels of one peer offer it. `own`: the relay itself."""
+    """Return the offers of one peer's channels to it. `own`: the relay itself."""
     found: Dict[Tuple[str, str], Offer] = {}
     for channel in channels:
         if channel.has_root:
@@ -152,7 +152,7 @@ def read_offers(value: Any, peers: int = 1) -> List[Offer]:
 
 
 def _limit_nodes(offers: List[Offer], most_of_all: int = MOST_OF_ALL) -> List[Offer]:
-    """Leave out nodes of the topics that have most, where all of them have too many. No topic is lost."""
+    """Leave out nodes of the topics that have most, if all of them have too many. No topic is lost."""
     counts = [len(offer.nodes) for offer in offers]
     most = MOST_NODES
     while sum(min(count, most) for count in counts) > most_of_all and most > 1:
@@ -182,7 +182,7 @@ def _read_offer(entry: Any) -> Offer:
 
 
 def find_taken(channels: Sequence[Channel], offers: Iterable[Offer]) -> Dict[Tuple[str, str], Tuple[Offer, Channel]]:
-    """Return (kind, this robot's name) -> the offer and its channel, of what a peer offers and a channel takes."""
+    """Return (kind, this robot's name) -> the offer and its channel, of the topics that a peer offers and a channel takes."""
     taken: Dict[Tuple[str, str], Tuple[Offer, Channel]] = {}
     for offer in offers:
         for channel in channels:

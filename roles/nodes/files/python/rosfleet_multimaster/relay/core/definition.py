@@ -55,7 +55,7 @@ class TypePlan(NamedTuple):
     """The steps through the bytes of a type."""
 
     steps: Tuple[Step, ...]
-    size: Optional[int]  # bytes, where it is always the same
+    size: Optional[int]  # bytes, if it is always the same
     has_frames: bool
     is_transform: bool = False
 
@@ -112,7 +112,7 @@ class _DefinitionReader:
             raise DefinitionError(f"{quote(name)} has a line that is no field: {quote(line[:80])}")
         if self._lines > MOST_LINES or self._fields > MOST_FIELDS:
             raise DefinitionError(
-                f"{quote(name)} has, with what is in it, more than {MOST_FIELDS} fields or {MOST_LINES} lines"
+                f"{quote(name)} has, with all that is in it, more than {MOST_FIELDS} fields or {MOST_LINES} lines"
             )
         if found is None or found[4]:  # a comment, or a constant, which is in no message
             return None
@@ -140,7 +140,7 @@ def _repeat(plan: TypePlan, times: Optional[int]) -> Step:
 
 
 def _merge_steps(steps: List[Step], is_transform: bool) -> TypePlan:
-    """Make the plan of a type; what has a known size becomes one step."""
+    """Make the plan of a type; fields of a known size become one step."""
     merged: List[Step] = []
     for step in steps:
         if isinstance(step, Repeat) and step.times == 0:

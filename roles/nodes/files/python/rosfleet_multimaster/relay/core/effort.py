@@ -9,7 +9,7 @@ from ...edge.core.efforts import Efforts
 SHARE, OWN_SHARE = 0.5, 0.9  # of one processor: of another robot, and of this one
 SLICE = 0.005  # seconds that one connection takes at once
 BURST = 0.01  # seconds that a robot takes in one turn of the loop, so that all others have theirs soon
-SAID = 10.0  # seconds for which it is told
+SAID = 10.0  # seconds for which it is reported
 
 
 def make_efforts(own: str) -> Efforts:
@@ -32,7 +32,7 @@ class Effort:
         self._turn = turn
 
     def find_wait(self, now: float, turn: int) -> Optional[float]:
-        """Return the seconds until it may go on, 0 for the next turn; None where it may now."""
+        """Return the seconds until it may go on, 0 for the next turn; None if it may now."""
         wait = self._efforts.find_wait(self._robot, now)
         if wait:
             self._waited_at = now

@@ -3,7 +3,7 @@
 """Frames of tf in messages that cross: with the robot's prefix on the way out, without it on the way in.
 
 The robot's own frames have no prefix: base_link is kobuki1/base_link for the others. `world` is a frame of all, below which
-the root of the robot's tree lies, at the same place.
+the root of the robot's tree is, at the same place.
 """
 
 import struct
@@ -12,7 +12,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 from ...protocol.plain_text import LONGEST, quote
 from .definition import DefinitionError, Skip, Text, TypePlan, make_plan, weigh
 
-#: Types, texts and numbers of elements in a message: so many, and one for each byte. A text has four bytes and may stand in
+#: Types, texts and numbers of elements in a message: so many, and one for each byte. A text has four bytes and may be in
 #: types in each other, so a small message could cost as much as a large one. No message has more than the last number.
 FREE_STEPS, MOST_STEPS = 256, 30_000
 STATIC, STATIC_TYPE, MD5SUM = "/tf_static", "tf2_msgs/TFMessage", "94810edda583a504dfda3829e70d7eec"
@@ -47,7 +47,7 @@ float64 w
 """
 _SIZE = struct.Struct("<I")
 
-Change = Callable[[bytes], Optional[bytes]]  # a frame to its other name; None: it is a frame of somebody else
+Change = Callable[[bytes], Optional[bytes]]  # a frame to its other name; None: it is a foreign frame
 
 
 class Rewrite:
@@ -58,7 +58,7 @@ class Rewrite:
         self.size = weigh(plan)  # bytes of memory
 
     def __call__(self, message: bytes) -> bytes:
-        """Return a message with its frames changed, both with their length in front; empty where no transform of it is left. Raises FramesError."""
+        """Return a message with its frames changed, both with their length in front; empty if no transform of it is left. Raises FramesError."""
         return _FrameWalk(message, self._change).rewrite(self._plan)
 
 
@@ -94,7 +94,7 @@ class Frames(NamedTuple):
 
 
 def make_rewrite(header: Dict[str, str], change: Change) -> Optional[Rewrite]:
-    """Return what changes the frames of a publisher's messages; None where they have none. Raises DefinitionError."""
+    """Return the function that changes the frames of a publisher's messages; None if they have none. Raises DefinitionError."""
     definition = header.get("message_definition", "")
     if not definition.strip() and header.get("md5sum") != EMPTY:
         raise DefinitionError(f"the publisher of {quote(header.get('type'))} sends none")
@@ -116,7 +116,7 @@ class _FrameWalk:
         self._most = min(MOST_STEPS, FREE_STEPS + len(message))
 
     def rewrite(self, plan: TypePlan) -> bytes:
-        """Return the message with its frames changed; empty where no transform of it is left. Raises FramesError."""
+        """Return the message with its frames changed; empty if no transform of it is left. Raises FramesError."""
         self._walk(plan)
         if self._foreign is not None:
             frame = quote(self._foreign[:LONGEST].decode("utf-8", "replace"))

@@ -12,7 +12,7 @@ QUEUE = (100, 4 << 20)  # messages and bytes that wait for one connection
 
 
 class Outbox:
-    """Messages that wait for one connection, and what is being sent."""
+    """Messages that wait for one connection, and those that are being sent."""
 
     def __init__(self, budget: Budget, newest: bool = False) -> None:
         """`newest`: one message is enough. One message is always taken, however large."""
@@ -21,7 +21,7 @@ class Outbox:
         self._waiting: Deque[bytes] = deque()
         self.size = self.dropped = 0  # bytes that wait, messages
         self.messages = self.sent = 0  # that have left, and bytes
-        self._front, self._at = b"", 0  # what is being sent, and how much of it has been
+        self._front, self._at = b"", 0  # the bytes that are being sent, and how many of them have been
 
     @property
     def is_sending(self) -> bool:
@@ -46,12 +46,12 @@ class Outbox:
         self.dropped += 1
 
     def drop_all(self) -> None:
-        """Drop what waits."""
+        """Drop the waiting messages."""
         while self._waiting:
             self.drop_oldest()
 
     def find_due(self) -> memoryview:
-        """Return what is to be sent now: one message or some small ones, or the rest of them; empty where nothing waits."""
+        """Return the bytes to send now: one message or some small ones, or the rest of them; empty if nothing waits."""
         if self._at == len(self._front):
             batch: List[bytes] = []
             size = 0
@@ -66,7 +66,7 @@ class Outbox:
         return memoryview(self._front)[self._at :]
 
     def count_sent(self, size: int) -> None:
-        """So many bytes of what is due have been sent."""
+        """So many of the due bytes have been sent."""
         self._at += size
         self.sent += size
         if self._at == len(self._front):

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A rate of messages: at most so many a second leave, each the newest. A rate costs no message that says what no other one says.
+"""A rate of messages: at most so many a second leave, each the newest. A rate costs no message with unique content.
 
-So it is for messages of which each replaces the one before. Of some types that is known, of others the user says it; messages
+So it is for messages of which each replaces the one before. Of some types that is known, of other types the user says it; messages
 of any other type count each.
 """
 
@@ -13,11 +13,11 @@ from .budget import Budget
 from .frames import MD5SUM, STATIC
 
 _SIZE = struct.Struct("<I")
-_STAMP, _POSE = 12, 56  # bytes of seq and stamp before the frames of a transform, and of what is behind them
+_STAMP, _POSE = 12, 56  # bytes of seq and stamp before the frames of a transform, and of the fields behind them
 MOST_FRAMES = 1000  # of one node, whose transforms have a rate each
 MOST_HELD = 1 << 20  # bytes of transforms that wait
-_FRAME = 400  # bytes of memory of a frame beside its name
-#: types whose messages count each: a goal and its result, what is added to what came before, and what is named in the message
+_FRAME = 400  # bytes of memory of a frame besides its name
+#: types whose messages count each: a goal and its result, additions to earlier messages, and those named in the message
 EACH = {
     *("actionlib_msgs/GoalID", "map_msgs/OccupancyGridUpdate", "map_msgs/PointCloud2Update", "rosgraph_msgs/Log"),
     *("theora_image_transport/Packet", "visualization_msgs/InteractiveMarkerUpdate"),
@@ -62,7 +62,7 @@ def _is_listed(kind: str, types: Collection[str]) -> bool:
 
 
 class RateLimit:
-    """Lets a message a period pass, as soon as it comes. The newest of the others follows where no newer one comes in time.
+    """Lets a message a period pass, as soon as it comes. The newest of the others follows if no newer one comes in time.
 
     The periods follow on each other, so the mean is exact however messages come. A message passes in a period of its own.
     """
@@ -70,7 +70,7 @@ class RateLimit:
     __slots__ = ("_budget", "_came", "_free", "_pause", "_period", "_waiting", "dropped")
 
     def __init__(self, rate: float, budget: Optional[Budget] = None) -> None:
-        """`rate`: messages a second; 0: all of them. `budget`: of what waits; None: somebody else counts it."""
+        """`rate`: messages a second; 0: all of them. `budget`: of waiting messages; None: another object counts them."""
         self._period = 1.0 / rate if rate else 0.0
         self._free = 0.0  # when the next period begins
         self._came, self._pause = 0.0, 0.0  # the last message, and the time from the one before
@@ -84,7 +84,7 @@ class RateLimit:
         return len(self._waiting or b"")
 
     def take(self, message: bytes, now: float) -> Optional[bytes]:
-        """Return the message, where it may pass now; else it waits, in the place of the one that waited."""
+        """Return the message, if it may pass now; else it waits, in the place of the one that waited."""
         self._pause, self._came = now - self._came, now
         if self._waiting is not None:
             self.drop_all()
@@ -98,11 +98,11 @@ class RateLimit:
 
     @property
     def due(self) -> Optional[float]:
-        """When the message that waits is to pass; None where none waits. A newer one is expected before."""
+        """When the message that waits is to pass; None if none waits. A newer one is expected before."""
         return None if self._waiting is None else self._free + min(self._period, 2 * self._pause)
 
     def release(self, now: float) -> Optional[bytes]:
-        """Return the message that waits, where it is to pass now."""
+        """Return the message that waits, if it is to pass now."""
         if self.due is None or now < self.due:
             return None
         self._begin_period(now)
@@ -132,9 +132,9 @@ class TreeThrottle:
     """The same for transforms of tf, each by its frame: a node sends those of several joints in turns."""
 
     def __init__(self, rate: float, budget: Optional[Budget] = None) -> None:
-        """`budget`: of what waits, and of the frames."""
+        """`budget`: of the waiting messages, and of the frames."""
         self._rate, self._budget, self._skipped, self._held = rate, budget, 0, 0
-        self._known = self._counted = 0  # bytes of memory of the frames, and what the budget has counted
+        self._known = self._counted = 0  # bytes of memory of the frames, and those that the budget has counted
         self._frames: Dict[bytes, RateLimit] = {}
 
     @property
@@ -144,11 +144,11 @@ class TreeThrottle:
 
     @property
     def size(self) -> int:
-        """Bytes of memory: of what waits, and of the frames."""
+        """Bytes of memory: of the waiting messages, and of the frames."""
         return self._held + self._known
 
     def take(self, message: bytes, now: float) -> Optional[bytes]:
-        """Return a message of the transforms that may pass now; None where there are none."""
+        """Return a message of the transforms that may pass now; None if there are none."""
         try:
             transforms = list(_split(message))
         except (struct.error, ValueError):
@@ -173,7 +173,7 @@ class TreeThrottle:
 
     @property
     def due(self) -> Optional[float]:
-        """When a transform that waits is to pass; None where none waits."""
+        """When a transform that waits is to pass; None if none waits."""
         return min(
             (due for due in (throttle.due for throttle in self._frames.values()) if due is not None), default=None
         )
@@ -186,7 +186,7 @@ class TreeThrottle:
         return _join(passed)
 
     def drop_all(self) -> None:
-        """Drop what waits, and forget the frames: the next transform of each passes."""
+        """Drop the waiting transforms, and forget the frames: the next transform of each passes."""
         for throttle in self._frames.values():
             throttle.drop_all()
         self.close()
@@ -198,7 +198,7 @@ class TreeThrottle:
         self._count()
 
     def _count(self) -> None:
-        """Have the budget know what is held. It may have all of it dropped."""
+        """Report the held bytes to the budget. It may have all of it dropped."""
         more, self._counted = self.size - self._counted, self.size
         if self._budget is not None:
             self._budget.change(more)
@@ -208,7 +208,7 @@ AnyThrottle = Union[RateLimit, TreeThrottle]
 
 
 def make_throttle(rate: Rate, topic: str, header: Mapping[str, str], budget: Optional[Budget] = None) -> AnyThrottle:
-    """Return the throttle for a publisher's messages, by its header: what is latched, and what counts each, has no rate."""
+    """Return the throttle for a publisher's messages, by its header: latched messages, and those of which each counts, have no rate."""
     kind, hertz = header.get("type", ""), rate.hertz
     if header.get("latching") == "1" or topic == STATIC:
         return RateLimit(0.0)

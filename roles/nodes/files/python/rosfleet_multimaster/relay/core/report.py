@@ -14,7 +14,7 @@ class TopicCount(NamedTuple):
     topic: str
     messages: int
     size: int  # bytes
-    dropped: int  # messages that did not get to somebody who listened
+    dropped: int  # messages that did not get to a listener
 
 
 def add_up(passed: Iterable[TopicCount]) -> List[TopicCount]:

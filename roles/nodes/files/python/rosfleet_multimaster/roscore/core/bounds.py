@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a roscore takes at most, and what a value counts: the table BOUNDS, which docs/understand/roscore.md has too.
+"""The limits of a roscore, and the weight of a value: the table BOUNDS, which docs/understand/roscore.md has too.
 
 Every program that reaches its port may call it. Whatever a caller sends, the process stays below the memory of its unit
 (MemoryMax). So does the next process, which reads all of it again.
@@ -17,7 +17,7 @@ MIB = 1 << 20
 
 
 class Limit(NamedTuple):
-    """One row: the most that is taken, and what it counts."""
+    """One row: the most that is taken, and its unit."""
 
     most: int
     what: str
@@ -36,7 +36,7 @@ BOUNDS: Dict[str, Limit] = {
         16 * MIB,
         "bytes of the parameters that another robot has set; a half of all is kept for this robot, and an eighth for the others, a part for each",
     ),
-    "watched": Limit(4 * MIB, "bytes of a parameter that others are told of: the record of imports, and /do_not_sync"),
+    "watched": Limit(4 * MIB, "bytes of a parameter that others hear of: the record of imports, and /do_not_sync"),
     "registrations": Limit(256 * MIB, "bytes of all registrations together; one counts 1,500 and its names"),
     "registrations of one": Limit(
         32 * MIB,
@@ -61,7 +61,7 @@ BOUNDS: Dict[str, Limit] = {
     "head": Limit(16 * 1024, "bytes of the head of a request"),
 }
 
-# What a value counts: not less than it costs in memory, in the store and in an answer.
+# The weight of a value: not less than it costs in memory, in the store and in an answer.
 _NUMBER, _TEXT, _MEMBER, _LIST, _MAPPING = 60, 80, 120, 130, 240
 _REGISTRATION = 1500
 
@@ -71,7 +71,7 @@ _TIME = re.compile(r"[-+0-9T:Z. ]{0,40}\Z")
 
 
 class BoundRefusal(ValueError):
-    """A call that is not carried out. `bound`: the row of the table that it exceeds, "" where it is no size."""
+    """A call that is not carried out. `bound`: the row of the table that it exceeds, "" if it is no size."""
 
     def __init__(self, text: str, bound: str = "") -> None:
         super().__init__(text)
@@ -86,7 +86,7 @@ def refuse(bound: str, whose: str) -> BoundRefusal:
 
 
 def weigh(value: Any) -> int:
-    """What a value counts that was taken, or an answer."""
+    """The weight of a value that was taken, or of an answer."""
     return _weigh(value, BOUNDS["depth"].most + 8, "")
 
 
@@ -119,13 +119,13 @@ def _weigh_key(key: Any, name: str) -> int:
 
 
 def weigh_text(text: str) -> int:
-    """What a text counts."""
+    """The weight of a text."""
     size = len(text) if text.isascii() else 4 * len(text)
     return _TEXT + size + (5 * sum(map(text.count, _DEAR)) if _ANY_DEAR.search(text) else 0)
 
 
 def is_writable(value: Any) -> bool:
-    """True where XML can have each text in a value. JSON can have others. Raises RecursionError for a very deep one."""
+    """True if XML can have each text in a value. JSON can have others. Raises RecursionError for a very deep one."""
     if isinstance(value, str):
         return not UNWRITABLE.search(value)
     if isinstance(value, dict):
@@ -137,12 +137,14 @@ def is_writable(value: Any) -> bool:
 
 
 class Usage:
-    """What parameters and registrations take, as sums that each change keeps right."""
+    """The weight of parameters and registrations, as sums that each change keeps right."""
 
     def __init__(self, spare: float = 1.0) -> None:
         """The bound of registrations counts `spare` times."""
         self.parameters, self.registrations, self._spare = _MAPPING, 0, spare
-        self._single: Dict[Tuple[str, str], int] = {}  # (kind, name) of what each name has once: its weight
+        self._single: Dict[
+            Tuple[str, str], int
+        ] = {}  # (kind, name) of the entries that each name has once: their weight
 
     def growth(self, tree: Dict[str, Any], name: str, value: Any) -> int:
         """How much heavier the tree of parameters gets with this value. Raises BoundRefusal."""
@@ -158,11 +160,11 @@ class Usage:
         return growth
 
     def is_full(self, *texts: str) -> bool:
-        """True where there is no room for one more registration with these texts."""
+        """True if there is no room for one more registration with these texts."""
         return self.registrations + weigh_registration(*texts) > BOUNDS["registrations"].most * self._spare
 
     def count(self, record: Record) -> int:
-        """Count a change: something that is new, or gone. Return what it adds to the sum."""
+        """Count a change: something that is new, or gone. Return its addition to the sum."""
         kind, name, before = record.kind, record.name, self.registrations
         if kind in USERS:
             self.registrations += weigh_record(record) * (1 if record.there else -1)
@@ -178,7 +180,7 @@ class Usage:
 
 
 def _growth(tree: Dict[str, Any], parts: Sequence[str], new: int) -> int:
-    """How much heavier the tree gets with a parameter of the weight `new`, which replaces what is there."""
+    """How much heavier the tree gets with a parameter of the weight `new`, which replaces the value that is there."""
     if not parts:
         return new - weigh(tree)
     within, at = descend(tree, parts)
@@ -192,7 +194,7 @@ def weigh_member(name: str, value: Any) -> int:
 
 
 def weigh_parameter(tree: Dict[str, Any], name: str) -> int:
-    """What a parameter counts in its tree, 0 where it is not set."""
+    """The weight of a parameter in its tree, 0 if it is not set."""
     parts = split_name(name)
     within, at = descend(tree, parts)
     if not parts or at < len(parts) - 1 or parts[-1] not in within:
@@ -204,7 +206,7 @@ def weigh_parameter(tree: Dict[str, Any], name: str) -> int:
 
 
 def check_names(texts: Iterable[Any], whole: bool = False) -> None:
-    """Raise BoundRefusal where one of these names, types or URIs is too long. rosmaster answers what is no text.
+    """Raise BoundRefusal if one of these names, types or URIs is too long. rosmaster answers values that are no text.
 
     `whole`: the names have the namespace of their caller in them.
     """
@@ -220,5 +222,5 @@ def weigh_record(record: Record) -> int:
 
 
 def weigh_registration(*texts: str) -> int:
-    """What a registration counts."""
+    """The weight of a registration."""
     return _REGISTRATION + sum(len(text) if text.isascii() else 4 * len(text) for text in texts)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The history of changes of a roscore, for its followers.
 
-A call that changed something is one revision. A follower that knows a revision of this epoch gets what came after it. Without
+A call that changed something is one revision. A follower that knows a revision of this epoch gets the later ones. Without
 one, or with one from before the history, it needs the whole state.
 """
 
@@ -33,7 +33,7 @@ class Feed:
             self._size -= _measure(self._history.popleft())
 
     def records_since(self, epoch: str, revision: int) -> Optional[List[List[Any]]]:
-        """The records after a revision; None where only the whole state helps."""
+        """The records after a revision; None if only the whole state helps."""
         behind = self.revision - revision
         if epoch != self.epoch or not 0 <= behind <= len(self._history):
             return None
@@ -42,5 +42,5 @@ class Feed:
 
 
 def _measure(records: Sequence[List[Any]]) -> int:
-    """Records, and what long values count."""
+    """Records, and the weight of long values."""
     return sum(1 + (weigh(record[-1]) // _LONG if record[0] == "parameter" else 0) for record in records)

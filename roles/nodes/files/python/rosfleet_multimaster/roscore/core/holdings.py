@@ -3,8 +3,8 @@
 """The memory that each robot holds for registrations and parameters, so that no robot fills it for the others.
 
 The threat: any program of another robot, or of a stranger, registers nodes or sets parameters until the roscore takes no more.
-Who asks has a share, whatever it says in the request: a robot by all of its computers, and all strangers together. What it gives
-up, or somebody else replaces, is given back. It is kept with what was made (registry.py), so a restart frees nobody of it.
+The caller has a share, whatever it says in the request: a robot by all of its computers, and all strangers together. All that it gives
+up, or another program replaces, is given back. It is kept with the registration (registry.py), so a restart frees nobody of it.
 """
 
 from collections import Counter
@@ -24,7 +24,7 @@ class Change(NamedTuple):
 
     growth: Mapping[Owner, int]  # bytes that each robot has more
     place: Sequence[str] = ()  # in the tree, at which
-    owner: Optional[Tuple[Owner]] = None  # from now on; None where it is deleted
+    owner: Optional[Tuple[Owner]] = None  # from now on; None if it is deleted
 
     @property
     def total(self) -> int:
@@ -40,7 +40,7 @@ class Holdings:
         self._shares = {bound: _make_shares(bound, ()) for bound in ("registrations", "parameters")}
         self._made: Dict[
             Tuple[str, ...], Tuple[str, int]
-        ] = {}  # what another robot has registered -> it, and the weight
+        ] = {}  # a registration of another robot -> that robot, and the weight
         self.owners = Owners()  # of the parameters
         self.recount({})
 
@@ -63,11 +63,11 @@ class Holdings:
         return self._shares["registrations"].have_room(_party(robot), weigh_registration(*texts))
 
     def check(self, robot: Owner, name: str, *texts: str) -> None:
-        """Raise BoundRefusal where a robot has no room for one more registration with these texts."""
+        """Raise BoundRefusal if a robot has no room for one more registration with these texts."""
         self._check("registrations", robot, name, weigh_registration(*texts))
 
     def note(self, record: Record, growth: int) -> None:
-        """Count a change of the registrations. `growth`: what it adds to their sum."""
+        """Count a change of the registrations. `growth`: its addition to their sum."""
         shares, key = self._shares["registrations"], key_of(record)
         if key in self._made:
             robot, size = self._made.pop(key)
@@ -85,7 +85,7 @@ class Holdings:
         return self._made.get(key_of(record), (None, 0))[0]
 
     def restore(self, records: Iterable[Record], owners: Owners) -> None:
-        """Take who has made what there was in an earlier life, before it is counted."""
+        """Take the owners of an earlier life, before their data is counted."""
         self._made = {key_of(record): (record.by, 0) for record in records if record.by is not None}
         self._shares["registrations"] = _make_shares("registrations", self._robots)
         self.owners = owners
@@ -93,9 +93,9 @@ class Holdings:
     # Parameters
 
     def plan_set(self, tree: Mapping[str, Any], name: str, growth: int, robot: Owner) -> Change:
-        """Plan that a robot sets a parameter. Raises BoundRefusal where it has no room.
+        """Plan that a robot sets a parameter. Raises BoundRefusal if it has no room.
 
-        `growth`: what that adds to the sum.
+        `growth`: its addition to the sum.
         """
         place = find_place(tree, split_name(name))
         changes: Counts[Owner] = Counter()
@@ -112,7 +112,7 @@ class Holdings:
         return Change(self._find_changes(tree, parts), parts)
 
     def _find_changes(self, tree: Mapping[str, Any], parts: Sequence[str]) -> Counts[Owner]:
-        """Return what each robot has less (below 0) without what is at a name."""
+        """Return how much less each robot has (below 0) without the values at a name."""
         changes: Counts[Owner] = Counter()
         value: Any = tree
         for part in parts:

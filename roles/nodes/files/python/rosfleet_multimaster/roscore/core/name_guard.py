@@ -11,7 +11,7 @@ from typing import Dict, Iterable, NamedTuple, Set, Tuple
 
 from ...protocol.plain_text import quote
 
-REPLACED = 30.0  # seconds that a replaced node is refused; it is told to end at once
+REPLACED = 30.0  # seconds that a replaced node is refused; it is asked to end at once
 MOST = 1000  # replaced nodes that are remembered
 
 
@@ -37,7 +37,7 @@ class NameGuard:
         self._imports = set(nodes)
 
     def is_import(self, name: str, uri: str) -> bool:
-        """True where this is a node of another robot."""
+        """True if this is a node of another robot."""
         return (name, uri) in self._imports or self._foreign.get(name) == uri
 
     def judge(self, name: str, holder: str, uri: str, now: float) -> Verdict:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The queue of calls that tell nodes of changes.
+"""The queue of calls that notify nodes of changes.
 
 - A newer call replaces a waiting one: a node has at most one waiting call for a topic.
 - A node has one call at a time, in the order of the last changes.
-- A first change is told at once. Further ones of the same topic wait a little, and each time longer: a burst is a few calls.
+- A first change is sent at once. Further ones of the same topic wait a little, and each time longer: a burst is a few calls.
 - A node that does not answer in time is called again later. Such nodes have few workers together, and so has each host:
   a lost robot keeps no own node waiting.
 """
@@ -22,7 +22,7 @@ BURST = 3  # a change within so many pauses after the last call makes the pause 
 MANY = 4  # or as many times as there were so many changes since
 QUIET = 3.0  # seconds after which nothing is known of earlier calls
 RETRY, LATEST = 1.0, 16.0  # seconds until a silent node is called again, doubled up to
-PATIENCE = 60.0  # seconds after which what waits for such a node is dropped
+PATIENCE = 60.0  # seconds after which calls for such a node are dropped
 
 Key = Tuple[str, str]  # method, and the topic or parameter
 
@@ -34,11 +34,11 @@ class NodeCall(NamedTuple):
     method: str
     arguments: Tuple[Any, ...]
     key: Key
-    changes: int = 1  # that it tells
+    changes: int = 1  # that it announces
 
 
 class _Node:
-    """A node that is to be told something, or was a moment ago."""
+    """A node that is to be notified, or was a moment ago."""
 
     def __init__(self, host: str) -> None:
         self.host, self.busy = host, False
@@ -109,7 +109,7 @@ class Notifications:
             del self._nodes[call.uri]
 
     def waits(self) -> bool:
-        """True where a call waits for a node that has no call under way."""
+        """True if a call waits for a node that has no call under way."""
         return bool(self._ready)
 
     def tidy(self, now: float) -> None:
@@ -131,7 +131,7 @@ class Notifications:
         return now if len(young) < QUICK else young[-QUICK] + YOUNG
 
     def _find_first(self, node: _Node, now: float) -> Tuple[Key, float]:
-        """The key that may be told first, and when."""
+        """The key that may be sent first, and when."""
         best: List[Any] = []
         for key in node.waiting:
             at, pause = node.history.get(key, (0.0, 0.0))

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The setter of each parameter: the other robots, each of which has a share of the memory for parameters.
 
-It is a tree beside that of the parameters, with the names alone at which another owner begins. So it is never larger than that
-one, and empty where all is of this robot.
+It is a second tree with that of the parameters, with only the names at which another owner begins. So it is never larger than that
+one, and empty if all is of this robot.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Owners:
         self.set(parts, owner_of(self.find(parts[:-1])))
 
     def find(self, parts: Sequence[str]) -> Node:
-        """Return the owner, or owners, of what is at a name."""
+        """Return the owner, or owners, of the values at a name."""
         node = self.root
         for part in parts:
             node = inner(node, part)
@@ -44,13 +44,13 @@ def inner(node: Node, part: str) -> Node:
 
 
 def owner_of(node: Node) -> Owner:
-    """Return the owner of what is at a name, without what is below it and has another one."""
+    """Return the owner of the value at a name, without the values below it that have another one."""
     found = node[_OWNER] if isinstance(node, dict) else node
     return None if found is None else str(found)
 
 
 def list_owners(value: Any, node: Node) -> Iterator[Tuple[Owner, str, Any]]:
-    """List the owner, the name and the value of each member, and of what is in it where that has one owner.
+    """List the owner, the name and the value of each member, and of all that is in it if that has one owner.
 
     The value is {} for the mapping of a member with several owners: its members follow. The first name is "".
     """

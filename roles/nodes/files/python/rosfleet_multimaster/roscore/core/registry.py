@@ -1,18 +1,18 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The knowledge of a roscore, as records: one for each thing that was changed. The store keeps them, the feed tells them.
+"""The knowledge of a roscore, as records: one for each thing that was changed. The store keeps them, the feed sends them.
 
 As a row, in the store, a record is a list, its kind first:
 
     ["publisher", topic, node, URI of the node, there]     ["subscriber", topic, node, URI of the node, there]
-    ["listener", parameter, node, URI of the node, there]  a node that is told changes of a parameter
+    ["listener", parameter, node, URI of the node, there]  a node that gets changes of a parameter
     ["service", service, node, URI of the service, URI of the node, there]
-    ["type", topic, type; "" where it is forgotten]        ["node", node, URI; "" where it is gone]
+    ["type", topic, type; "" if it is forgotten]           ["node", node, URI; "" if it is gone]
     ["set", parameter, value]                              ["delete", parameter]
 
-What another robot has made has that robot behind it (holdings.py).
+A record of another robot has that robot behind it (holdings.py).
 
-Two kinds are told, and not kept: ["refused", node, URI, why] and ["parameter", parameter, value].
+Two kinds are sent, and not kept: ["refused", node, URI, why] and ["parameter", parameter, value].
 """
 
 from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Tuple
@@ -20,11 +20,11 @@ from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Tuple
 from ...protocol.messages import NodeKey
 from .owners import Owner, Owners, descend, find_place
 
-Row = List[Any]  # a record as it is kept or told
+Row = List[Any]  # a record as it is kept or sent
 
 
 class Record(NamedTuple):
-    """One change. Of what its kind has not, there is nothing in it."""
+    """One change. Fields that its kind has not are empty."""
 
     kind: str
     name: str  # of the topic, service, parameter or node
@@ -53,7 +53,7 @@ class Record(NamedTuple):
 
     @classmethod
     def from_row(cls, row: Any) -> "Record":
-        """Read a record that was kept. Raises ValueError where it is none."""
+        """Read a record that was kept. Raises ValueError if it is none."""
         kind = row[0] if isinstance(row, list) and row and isinstance(row[0], str) else ""
         fields = (*_FIELDS[kind], _BY)[: max(0, len(row) - 1)] if kind in KEPT else ()
         if len(fields) < len(_FIELDS.get(kind, (_BY,))) or len(row) != len(fields) + 1:
@@ -66,7 +66,7 @@ class Record(NamedTuple):
 USERS = ("publisher", "subscriber", "listener")  # kinds of records about nodes that use something
 KEPT = (*USERS, "service", "type", "node", "set", "delete")
 _NAME, _BY = ("name", str), ("by", str)
-#: kind -> what follows it in a row, and of which type that is
+#: kind -> the fields after it in a row, with their types
 _FIELDS: Dict[str, Tuple[Tuple[str, type], ...]] = {
     **dict.fromkeys(USERS, (_NAME, ("node", str), ("uri", str), ("there", bool))),
     "service": (_NAME, ("node", str), ("place", str), ("uri", str), ("there", bool)),
@@ -88,7 +88,7 @@ class Registry:
         self.owners = Owners()  # of the parameters
 
     def apply(self, record: Record) -> None:
-        """Carry out a record. Raises ValueError where a parameter without a name is no mapping."""
+        """Carry out a record. Raises ValueError if a parameter without a name is no mapping."""
         if record.kind == "set":
             self._set_parameter(split_name(record.name), record.value, record.by)
         elif record.kind == "delete":
@@ -100,7 +100,7 @@ class Registry:
                 del self.facts[key_of(record)]
 
     def is_known(self, record: Record) -> bool:
-        """True where a record, of anything but a parameter, changes nothing."""
+        """True if a record, of anything but a parameter, changes nothing."""
         present = self.facts.get(key_of(record))
         if record.is_there:
             return present is not None and present[:-1] == record[:-1]  # whoever has made it
@@ -122,7 +122,7 @@ class Registry:
         return rest
 
     def parameter(self, name: str) -> Any:
-        """The value of a parameter but the root, None where it is not set."""
+        """The value of a parameter but the root, None if it is not set."""
         parts = split_name(name)
         within, at = descend(self.parameters, parts)
         return within.get(parts[-1]) if at == len(parts) - 1 else None
@@ -165,7 +165,7 @@ def split_name(name: str) -> List[str]:
 
 
 def to_feed(records: Iterable[Record]) -> List[Row]:
-    """These records as the feed tells them, without those that it does not tell."""
+    """These records as the feed sends them, without those that it does not send."""
     return [row for row in map(_to_feed, records) if row]
 
 
@@ -179,7 +179,7 @@ def _to_feed(record: Record) -> Row:
 
 
 def touches(name: str, parameter: str) -> bool:
-    """True where a change of the parameter `name` may change `parameter`: it is above, the same, or below."""
+    """True if a change of the parameter `name` may change `parameter`: it is above, the same, or below."""
     changed, other = split_name(name), split_name(parameter)
     short = min(len(changed), len(other))
     return changed[:short] == other[:short]

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The lines of the store: what one call changed is one line, with a checksum and a number.
+"""The lines of the store: the changes of one call are one line, with a checksum and a number.
 
     <checksum of the rest, 8 digits> <number> <JSON>
 
 The first line is number 0 and a mapping: the format, and the boot of the computer that wrote it. A line counts if it is
 whole, its checksum is right, and its number follows that of the line before. The first line that does not count ends the
-file: a process or a computer that ends while it writes leaves half a line. A value that JSON has not is left out alone.
+file: a process or a computer that ends while it writes leaves half a line. Of values that JSON has not, only these are left out.
 """
 
 import base64
@@ -79,7 +79,7 @@ def strip_values(records: Sequence[Record]) -> Tuple[List[Record], List[str]]:
 
 
 def _strip_value(value: Any) -> Any:
-    """A value without what cannot be kept: a member of a mapping goes alone, a list as a whole."""
+    """A value without the values that cannot be kept: of a mapping only the member goes, a list as a whole."""
     if isinstance(value, dict):
         parts = {key: _strip_value(part) for key, part in value.items() if isinstance(key, str) and _is_kept(key)}
         return {key: part for key, part in parts.items() if part is not _NOTHING}
@@ -95,9 +95,9 @@ def _is_kept(value: Any) -> bool:
 
 
 def read(lines: Iterable[bytes]) -> Optional[Content]:
-    """Read a store, line by line; None where its first line is not one of this format.
+    """Read a store, line by line; None if its first line is not one of this format.
 
-    Lines after a damaged one do not count. A whole line is left out alone where it makes no sense or exceeds a bound.
+    Lines after a damaged one do not count. Only a whole line is left out, if it makes no sense or exceeds a bound.
     """
     lines = iter(lines)
     head = next(lines, b"")
@@ -148,7 +148,7 @@ def _apply_one(registry: Registry, usage: Usage, record: Record) -> None:
 
 
 def _parse(text: bytes, number: int) -> Any:
-    """The content of a line; None where it does not count, "" where it is whole and no JSON."""
+    """The content of a line; None if it does not count, "" if it is whole and no JSON."""
     body = text[:-1]
     if not text.endswith(b"\n") or body[:9] != b"%08x " % zlib.crc32(body[9:]):
         return None
@@ -176,10 +176,10 @@ def _from_json(mapping: Dict[str, Any]) -> Any:
 
 
 def is_renewal_due(size: int, base: int) -> bool:
-    """True where a store of this size is written anew; `base`: its size when it was."""
+    """True if a store of this size is written anew; `base`: its size when it was."""
     return size > base + SLACK and size > min(FACTOR * base, base + MOST)
 
 
 def must_wait(size: int, base: int, waiting: int) -> bool:
-    """True where a change has to wait for the new store: else the store, or what waits, gets too large."""
+    """True if a change has to wait for the new store: else the store, or the waiting changes, get too large."""
     return size > base + 3 * MOST or waiting > MOST

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parameters that cross: what other robots offer and what the own roscore has in, the difference to carry out.
+"""Parameters that cross: the offers of other robots and the state of the own roscore in, the difference to carry out.
 
-The roscore has no owner of a parameter, so there is a record beside them: the names that we set, and the digests of the values. A
-value is ours as long as it has such a digest. What somebody else has set since, or had set before, is never changed.
+The roscore has no owner of a parameter, so there is a record with them: the names that we set, and the digests of the values. A
+value is ours as long as it has such a digest. A value that another program has set since, or had set before, is never changed.
 
 The record is a parameter, too. So it lives exactly as long as the others, and outlives a killed master_sync. The managed roscore
 lets nobody else set it. Below another roscore anyone may. Who does so gains nothing: whoever can set it can set each
@@ -41,14 +41,14 @@ class OfferedParameter(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What the own roscore has: the names of all parameters that are no namespace, and the digests of some values."""
+    """The state of the own roscore: the names of all parameters that are no namespace, and the digests of some values."""
 
     leaves: AbstractSet[str]
     digests: Mapping[str, str]
 
 
 class Todo(NamedTuple):
-    """The difference to carry out in this order: what is deleted, the record, and what is set."""
+    """The difference to carry out in this order: the deletions, the record, and the new values."""
 
     delete: List[str]
     record: Record
@@ -57,9 +57,9 @@ class Todo(NamedTuple):
 
 
 def plan_copies(offers: Mapping[str, OfferedParameter], keep: AbstractSet[str], record: Record, own: Contents) -> Todo:
-    """Plan a pass. `keep`: names that stay as they are, since their robot has not said yet what it has.
+    """Plan a pass. `keep`: names that stay as they are, since their robot has not given its values yet.
 
-    A name is refused where something of somebody else is there: a value at this name, below it, or in place of the
+    A name is refused if a foreign value is there: a value at this name, below it, or in place of the
     namespace that it is in.
     """
     ours = {name: there for name, mine in record.items() if (there := _find_ours(name, mine, own))}
@@ -81,7 +81,7 @@ def plan_copies(offers: Mapping[str, OfferedParameter], keep: AbstractSet[str], 
 
 
 def _find_ours(name: str, mine: Copy, own: Contents) -> Optional[Copy]:
-    """The entry of a parameter that has a value of ours, with the digest of that one; None where it has not."""
+    """The entry of a parameter that has a value of ours, with the digest of that one; None if it has not."""
     there = own.digests.get(name, "")
     return Copy(mine.master, (there,)) if there and there in mine.digests else None
 
@@ -98,13 +98,13 @@ def _list_parents(name: str) -> List[str]:
 
 
 def _find_holder(name: str, foreign: AbstractSet[str]) -> str:
-    """The parameter of somebody else that keeps a name from being set, "" where it is free."""
+    """The foreign parameter that keeps a name from being set, "" if it is free."""
     above = next((place for place in (name, *_list_parents(name)) if place in foreign), "")
     return above or min((leaf for leaf in foreign if leaf.startswith(name + "/")), default="")
 
 
 def settle(todo: Todo, failed: AbstractSet[str]) -> Record:
-    """The record after a pass. What was set has one digest, the new one; `failed` could not be set, so it may have any."""
+    """The record after a pass. A value that was set has one digest, the new one; `failed` could not be set, so it may have any."""
     return {
         name: Copy(mine.master, mine.digests[-1:]) if name in todo.set and name not in failed else mine
         for name, mine in todo.record.items()
@@ -120,7 +120,7 @@ def write(record: Record) -> str:
 
 
 def read(text: Any) -> Record:
-    """The record in a value of the parameter server; an empty one where it is damaged. It has no name that never crosses."""
+    """The record in a value of the parameter server; an empty one if it is damaged. It has no name that never crosses."""
     try:
         found = json_text.from_json(text) if isinstance(text, str) else {}
         rows = list(found.items())[:MOST]

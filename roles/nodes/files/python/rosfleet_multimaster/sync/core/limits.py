@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit of registrations taken of another master: 5,000, or what the states of all masters leave (sync/state_room.py).
+"""The limit of registrations taken of another master: 5,000, or the room that the states of all masters leave (sync/state_room.py).
 
 A master with more is reported.
 
 Neither chance nor the other side selects them. Registrations that were taken before stay while they are offered; then
 come the first ones by kind and name. Nodes of third masters are not registered and not counted: in a large fleet each
-master has thousands. Their publishers for its own subscribers are kept as far as there is room, since these are told of
+master has thousands. Their publishers for its own subscribers are kept as far as there is room, since these are sent
 them (sync.py). Free of sockets, threads and clocks.
 """
 
@@ -48,7 +48,7 @@ def limit_state(
 
 
 def _list_foreign(everything: Iterable[Row], taken: Set[Row], mine: Container[str]) -> List[Row]:
-    """List the publishers of others that the taken subscribers hear."""
+    """List the foreign publishers that the taken subscribers hear."""
     heard = {name for kind, name, _node in taken if kind == "subscriber"}
     return sorted(row for row in everything if row[0] == "publisher" and row[1] in heard and row[2] not in mine)
 
@@ -79,5 +79,5 @@ def sentence(item: RegistrationConflict) -> str:
     """The sentence about a master that offers more than is taken."""
     return (
         f"{item.master} at {quote(item.uri)} offers more than {item.holder} registrations: {item.holder} of them are taken, and the"
-        " others are not there. Leave out what nobody needs, by filters or exports"
+        " others are not there. Leave out the topics that nobody needs, by filters or exports"
     )

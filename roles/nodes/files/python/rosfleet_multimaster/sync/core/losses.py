@@ -51,7 +51,7 @@ class Disconnection(NamedTuple):
     silent: float
 
     def wants(self, local_port: int, remote: Tuple[str, int], silent: float) -> bool:
-        """True where this connection is to be ended."""
+        """True if this connection is to be ended."""
         if remote[0] not in self.addresses or silent < self.silent:
             return False
         return any(Connection(local_port, port) in self.connections for port in (remote[1], None))
@@ -67,7 +67,7 @@ class _Loss:
 
 
 class Losses:
-    """The lost masters, with what was known of each one when it was lost."""
+    """The lost masters, with the knowledge of each one when it was lost."""
 
     def __init__(self, members: Members) -> None:
         self._members, self._ports = members, ports(members)
@@ -122,7 +122,7 @@ class Losses:
             self._losses[uri].noted |= connections
 
     def endpoints(self) -> Set[Tuple[str, int]]:
-        """The XML-RPC addresses of nodes of lost masters alone: connections to these are ended."""
+        """The XML-RPC addresses of nodes of only lost masters: connections to these are ended."""
         ended = {end for uri, loss in self._losses.items() for end in self._endpoints(uri, loss.nodes)}
         # A robot may come back as a different master, with a node at the same port.
         for uri, nodes in self._list_present().items() if ended else ():

@@ -18,7 +18,7 @@ from ...protocol.plain_text import quote
 from .sync import Candidate, RegistrationConflict
 
 MOST = 500  # types of one question
-AGAIN = 60.0  # seconds until the same is asked again: no event tells of a new answer
+AGAIN = 60.0  # seconds until the same is asked again: no event announces a new answer
 Users = Mapping[NodeKey, None]  # own nodes on a topic, in their order
 
 
@@ -48,7 +48,7 @@ class _Book:
         return asked
 
     def _open_one(self, key: Any, names: AbstractSet[str], stamp: float, now: float) -> bool:
-        """True where these names must be asked now: a name or the stamp is new."""
+        """True if these names must be asked now: a name or the stamp is new."""
         asked, before, until = self._asked.get(key, (frozenset(), stamp, -math.inf))
         if key in self._open:
             return False
@@ -62,7 +62,7 @@ class _Book:
         return True
 
     def waits(self, key: Any, name: str) -> bool:
-        """True where an answer is awaited, and there is no earlier one."""
+        """True if an answer is awaited, and there is no earlier one."""
         return key in self._open and name not in self.answers.get(key, ())
 
     def answer(self, key: Any, answer: Optional[Mapping[str, str]], now: float) -> None:
@@ -115,7 +115,7 @@ class TypeGuard:
         return TypeVerdict([item for item in wanted if is_ready(item)], refused, asked_nodes, asked_masters)
 
     def take_node_types(self, node: NodeKey, types: Optional[Mapping[str, str]], now: float) -> None:
-        """Take the answer of an own node: topic -> type; None where it does not answer."""
+        """Take the answer of an own node: topic -> type; None if it does not answer."""
         self._nodes.answer(node, types, now)
 
     def take_md5sums(
@@ -164,7 +164,7 @@ class TypeGuard:
         return conflicts
 
     def _roscore_type(self, topic: str, users: Users, view: View) -> Dict[str, str]:
-        """The type in the roscore, where no own node names one. A node that takes any type conflicts with no other."""
+        """The type in the roscore, if no own node names one. A node that takes any type conflicts with no other."""
         kind = view.types.get(topic, "")
         if kind in UNKNOWN_TYPES or self._silent(topic, users):
             return {}
@@ -178,12 +178,12 @@ class TypeGuard:
         return item.type in named and self._masters.waits(item.master_uri, item.type)
 
     def _silent(self, topic: str, users: Users) -> bool:
-        """True where an own node has not yet told its type of the topic."""
+        """True if an own node has not yet named its type of the topic."""
         return any(self._nodes.waits(node, topic) for node in users)
 
 
 def _type(item: Candidate) -> str:
-    """The type of a wanted topic, "" where there is nothing to compare."""
+    """The type of a wanted topic, "" if there is nothing to compare."""
     return "" if item.registration.kind == "service" or item.type in UNKNOWN_TYPES else item.type
 
 

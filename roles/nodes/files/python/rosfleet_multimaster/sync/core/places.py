@@ -23,7 +23,7 @@ class LocalNetwork(NamedTuple):
     """The addresses and networks of this computer."""
 
     addresses: FrozenSet[str] = frozenset()
-    networks: Optional[Container[str]] = None  # None where they do not matter
+    networks: Optional[Container[str]] = None  # None if they do not matter
 
 
 class Places:
@@ -43,7 +43,7 @@ class Places:
         return {uri: why for uri, why in refusals.items() if why}
 
     def find_refusal(self, uri: str) -> str:
-        """The reason not to connect to this URI of a node or a service; empty where it is fine."""
+        """The reason not to connect to this URI of a node or a service; empty if it is fine."""
         host, port = place_of(uri)
         if not host:
             return "it is not just a port of a host, which is a name or an address in its usual spelling"
@@ -87,7 +87,7 @@ class Places:
 
 
 def names_to_resolve(state: State, members: Members) -> List[str]:
-    """The host names in a state that the plan does not have. Empty where the fleet is not known."""
+    """The host names in a state that the plan does not have. Empty if the fleet is not known."""
     if not members.robots:
         return []
     member = members.master(state.uri)

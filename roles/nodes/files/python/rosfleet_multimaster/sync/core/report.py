@@ -47,8 +47,8 @@ def describe_refusal_end(item: RegistrationConflict) -> str:
 def describe_status(items: Iterable[RegistrationConflict], room: int) -> str:
     """The part of the line for systemd about all refusals, of about `room` characters; empty without one.
 
-    `multimaster_verify` reads it (read_refusals): each has its name, its kind, what is there and of which master, and what is
-    here, or the refusal. Each of these is one word, or stands in quotes. Where there are many, the last ones have names only.
+    `multimaster_verify` reads it (read_refusals): each has its name, its kind, the value there and its master, and the value
+    here, or the refusal. Each of these is one word, or is in quotes. If there are many, the last ones have names only.
     """
     rows = sorted({item for item in items if item.kind != "limit"}, key=lambda item: item.name)
     limited = sorted({item.master for item in items if item.kind == "limit"})

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A small plan for a few registrations, from the knowledge of the last round. If that is not enough, a round follows.
 
-A round reads the whole roscore, and all registrations of all masters. With 3,000 topics, or where twenty robots meet,
+A round reads the whole roscore, and all registrations of all masters. With 3,000 topics, or if twenty robots meet,
 that takes longer than everything else. Most changes are simple: a node of another robot has one topic more or less, or a
 robot comes with topics that no other robot has. `step` plans only these, and gives the same plan as a round. Before
 anything is written, the roscore is asked whether the names are still free (`condition_of`). Free of sockets, threads and clocks.
@@ -36,7 +36,7 @@ def step(
     known: Knowledge,
     is_contested: Callable[[str, str], bool],
 ) -> Optional[SyncPlan]:
-    """The plan for the registrations that may have changed; None where it takes a round.
+    """The plan for the registrations that may have changed; None if it takes a round.
 
     `wanted`: those of them that are wanted now. `is_contested(node or service, master)`: true if another master has the name.
     """
@@ -69,7 +69,7 @@ def _plan(
 
 
 def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Candidate], known: Knowledge) -> bool:
-    """True where these names have no refusal, and registered topics still have the type that their master names."""
+    """True if these names have no refusal, and registered topics still have the type that their master names."""
     if any(item.name in known.refused or item.node in known.refused for item in touched):
         return False
     held = ((item, wanted[item].type) for item in wanted if item in known.held and item.kind != "service")
@@ -77,7 +77,7 @@ def _is_as_before(touched: Set[Registration], wanted: Mapping[Registration, Cand
 
 
 def _are_simple(items: Sequence[Registration], view: View, claimed: Mapping[str, str]) -> bool:
-    """True where no own node uses their names. `claimed`: node of another master -> its URI."""
+    """True if no own node uses their names. `claimed`: node of another master -> its URI."""
     topics = {item.name for item in items if item.kind != "service"}  # each once: thousands of nodes may be on one
     tables = (view.publishers, view.subscribers)
     return all(_is_simple(item, view, claimed) for item in items) and all(
@@ -86,7 +86,7 @@ def _are_simple(items: Sequence[Registration], view: View, claimed: Mapping[str,
 
 
 def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bool:
-    """True where no own node has the name of its node, or of its service."""
+    """True if no own node has the name of its node, or of its service."""
     if claimed.get(item.node, item.node_uri) != item.node_uri:
         return False
     if view.node_uris.get(item.node, item.node_uri) != item.node_uri:  # an own node has its name
@@ -96,7 +96,7 @@ def _is_simple(item: Registration, view: View, claimed: Mapping[str, str]) -> bo
 
 
 def _is_free(item: Registration, master: str, known: Knowledge) -> bool:
-    """True where its names are not registered for another master."""
+    """True if its names are not registered for another master."""
     if item.kind == "service" and item.name in known.view.services:
         return False
     return known.claims.get(item.node_key, master) == master
@@ -109,7 +109,7 @@ def _names_of(masters: Mapping[Registration, str]) -> Set[Tuple[str, str]]:
 
 
 def condition_of(todo: SyncPlan, claims: Mapping[NodeKey, str], guarded: bool) -> Condition:
-    """The condition for a plan: its names have not been taken meanwhile, and its nodes are where they were.
+    """The condition for a plan: its names have not been taken meanwhile, and its nodes have not moved.
 
     `guarded`: the roscore itself guards the names of nodes.
     """

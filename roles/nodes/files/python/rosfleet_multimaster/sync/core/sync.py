@@ -22,10 +22,10 @@ from ...protocol.messages import AnnouncedMaster, NodeKey, Registration, View, r
 from ...protocol.tcpros.hosts import host_of
 
 COALESCE = 0.05  # seconds from a change to the fetch: several changes make one
-PAUSE = 1.0  # seconds between two fetches where the first one brought nothing new: anyone can announce a change
+PAUSE = 1.0  # seconds between two fetches if the first one brought nothing new: anyone can announce a change
 RETRY = (0.2, 1.0, 3.0, 10.0, 30.0)  # seconds after failed fetches
-PATIENCE = 1.0  # seconds from the announcement of a change until a followed master must have told it
-DOUBT = 10.0  # seconds between two fetches of a followed master that told no change: anyone can write a stamp
+PATIENCE = 1.0  # seconds from the announcement of a change until a followed master must have reported it
+DOUBT = 10.0  # seconds between two fetches of a followed master that reported no change: anyone can write a stamp
 MISSING = 15.0  # seconds that a master may be missing in the list (of a discovery node that has just started)
 
 LONG_AGO, NEVER = float("-inf"), float("inf")
@@ -39,7 +39,7 @@ def nodes_of(items: Iterable[Registration]) -> Set[NodeKey]:
 class RegistrationConflict(NamedTuple):
     """A conflict, so nothing is registered.
 
-    A name is taken here, a topic has a different type here, or a node is at an address where its robot cannot be.
+    A name is taken here, a topic has a different type here, or a node is at an address at which its robot cannot be.
     """
 
     kind: str  # node, service, type, place, limit, parameter
@@ -67,7 +67,7 @@ class Candidate(NamedTuple):
     registration: Registration
     master_uri: str
     master: str
-    type: str = "*"  # of the topic; "*" where the master knows none
+    type: str = "*"  # of the topic; "*" if the master knows none
 
 
 def plan(wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str]) -> SyncPlan:
@@ -382,7 +382,7 @@ class Sync:
         return {item for item in {*old, *new} if old.get(item) != new.get(item)}
 
     def _select(self, remote: Remote, state: State) -> Dict[Registration, str]:
-        """The wanted registrations of a state, or of a part of one, at places where they may be."""
+        """The wanted registrations of a state, or of a part of one, at allowed places."""
         return {
             item: "*" if state.types.get(item.name, "") in UNKNOWN_TYPES else state.types[item.name]
             for item in select(state, remote.rules, self.own_uri, self.sync_remote_nodes)
@@ -399,7 +399,7 @@ class Sync:
         return candidates
 
     def is_contested(self, name: str, master: str) -> bool:
-        """True where a master other than this one has a node or a service of this name."""
+        """True if a master other than this one has a node or a service of this name."""
         return any(
             remote.state is not None and (name in remote.state.nodes or name in remote.state.services)
             for uri, remote in self.remotes.items()
@@ -431,7 +431,7 @@ class Sync:
         return candidates
 
     def place_refusals(self) -> List[RegistrationConflict]:
-        """The refusals of nodes and services at addresses where their robot cannot be."""
+        """The refusals of nodes and services at addresses at which their robot cannot be."""
         refusals: Dict[RegistrationConflict, None] = {}
         for _uri, remote in sorted(self.remotes.items()):
             if not remote.misplaced or remote.state is None or not remote.announced.online:
@@ -449,12 +449,12 @@ class Sync:
         return {uri: remote.state.local_stamp for uri, remote in self.remotes.items() if remote.state}
 
     def publishers_for(self, item: Registration, master_uri: str, here: Sequence[str]) -> List[str]:
-        """The URIs to tell an imported subscriber: the publishers here and those of its own robot. Empty: tell nothing.
+        """The URIs to send to an imported subscriber: the publishers here and those of its own robot. Empty: send nothing.
 
-        roscpp closes the connections to missing publishers. So nothing is told where a filter hides publishers of its own
-        robot, or where there is no publisher here. Nothing is told where its own roscore has all of these, and so has told
-        it: rospy that is told twice may connect twice, and loses messages. A robot of the fleet may name any publisher,
-        since only its own nodes hear of it. If a stranger names a refused one, its subscriber is told nothing.
+        roscpp closes the connections to missing publishers. So nothing is sent if a filter hides publishers of its own
+        robot, or if there is no publisher here. Nothing is sent if its own roscore has all of these, and so has sent
+        them: rospy that gets them twice may connect twice, and loses messages. A robot of the fleet may name any publisher,
+        since only its own nodes hear of it. If a stranger names a refused one, its subscriber gets nothing.
         """
         remote = self.remotes.get(master_uri)
         state = remote.state if remote else None
@@ -489,14 +489,14 @@ class Sync:
         return now >= remote.offline_since + self.keep_offline
 
     def _is_outdated(self, remote: Remote) -> bool:
-        """True where a newer state was announced. A state fetched after an announcement counts as the announced one."""
+        """True if a newer state was announced. A state fetched after an announcement counts as the announced one."""
         if remote.state is None or remote.lapsed:
             return True
         return remote.announced.local_stamp not in (remote.state.local_stamp, remote.answered_for)
 
 
 def _soon(remote: Remote, now: float, following: bool = False) -> float:
-    """The time of a fetch after news: at once, unless the last fetch was in vain. A followed master has time to tell them."""
+    """The time of a fetch after news: at once, unless the last fetch was in vain. A followed master has time to report them."""
     if following:
         return max(now + PATIENCE, remote.began + DOUBT) if remote.vain else now + PATIENCE
     return max(now + COALESCE, remote.began + PAUSE) if remote.vain else now + COALESCE

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The values of parameters that cross: what is taken of another robot's, and the digest by which two are compared.
+"""The values of parameters that cross: the accepted ones of another robot, and the digest by which two are compared.
 
 The other robot may send anything. A value is taken as it can be written again: of the plain types of XML-RPC, in bounds.
 """
@@ -28,7 +28,7 @@ class UnusableValue(ValueError):
 
 
 class _ValueReader:
-    """Makes one value anew, and counts what it costs."""
+    """Makes one value anew, and counts its bytes."""
 
     def __init__(self) -> None:
         self.parts = self.size = 0
@@ -81,13 +81,13 @@ def _take_number(value: Any) -> Any:
 
 
 def take(value: Any) -> Tuple[Any, int]:
-    """A value of another robot, made anew, and what it counts in bytes. Raises UnusableValue."""
+    """A value of another robot, made anew, and its size in bytes. Raises UnusableValue."""
     reader = _ValueReader()
     return reader.take(value), reader.size
 
 
 def digest(value: Any) -> str:
-    """What two values have in common that are the same, also in their types."""
+    """The common form of two values that are the same, also in their types."""
     try:
         text = json.dumps(value, sort_keys=True, default=lambda other: [type(other).__name__, repr(other)])
     except (ValueError, TypeError, RecursionError):  # an own value, which may be anything: it is not one of ours

@@ -134,7 +134,7 @@ def test_a_link_without_a_cable_is_not_waited_for(manager):
 @pytest.mark.parametrize(
     "change, reason",
     [
-        ({"version": "247"}, "systemd 247 cannot be told to leave rules and routes of others alone"),
+        ({"version": "247"}, "systemd 247 has no settings by which it keeps foreign rules and routes"),
         ({"dynamic": "3: wlan0    inet 192.168.1.7/24 dynamic wlan0\n"}, "wlan0 may have a lease"),
         ({"active": False}, ""),
     ],
