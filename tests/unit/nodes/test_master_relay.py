@@ -17,7 +17,7 @@ import time
 import xmlrpc.client
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import exchange, traffic
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import exchange, masters, traffic
 from rosfleet_multimaster.edge.clock import monotonic
 from rosfleet_multimaster.protocol.tcpros.header import encode_header
 from rosfleet_multimaster.relay.core.frames import DEFINITION, MD5SUM, STATIC_TYPE
@@ -216,6 +216,53 @@ def test_topics_cross_under_their_names_each_one_way(robots):
         node.server.settimeout(0.2)
         with pytest.raises(TimeoutError):  # five listeners were one connection
             node.server.accept()
+
+
+class Station:
+    """The roscore of a station, as a verification asks it."""
+
+    def __init__(self, robot):
+        self.roscore = robot.roscore
+
+    def read_state(self):
+        return [dict(self.roscore.tables["Publisher"]), {}, {}]
+
+    def ask(self, method, node):
+        assert method == "lookupNode"
+        return self.roscore.nodes[node]
+
+
+@pytest.mark.slow
+def test_a_verification_hears_what_crosses(robots, monkeypatch):
+    """A header of the publisher comes through both relays. Without it, the relay that loses it is told from the other one."""
+    robot, station = robots
+    laser = Node(robot.roscore, "/laser", "/scan")
+    wait_for(lambda: station.published() == {"/robot/scan"})
+    channel = {"peer": "robot", "hosts": ["127.0.0.1"], "port": robot.port, "as": "/robot", "base": "", "inner": False}
+
+    sources = []
+
+    def speak():
+        with contextlib.suppress(OSError):
+            while True:
+                sources.append(laser.accept())
+                sources[-1].say(message(b"seen"))
+
+    def hear():
+        (row,) = masters.relays({"robot": "station", "channels": [channel]}, Station(station))
+        assert (row["outcome"], row["data_outcome"]) == ("answered", "open")
+        (crossing,) = row["crossing"]
+        assert (crossing["topic"], crossing["nodes"]) == ("/robot/scan", ["/laser"])
+        return crossing["outcome"], crossing["message"], crossing["there"]
+
+    threading.Thread(target=speak, daemon=True).start()
+    assert hear() == ("answered", True, "not_tried")
+    monkeypatch.setattr(masters.tcpros, "CALL", 1.5)
+    station.process.send_signal(signal.SIGSTOP)
+    try:
+        assert hear() == ("no_answer", False, "answered")
+    finally:
+        station.process.send_signal(signal.SIGCONT)
 
 
 @pytest.mark.slow
