@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The lab: real systems in containers, with the addresses of an inventory.
+"""The lab: real systems in containers or virtual machines, with the addresses of an inventory.
 
 python lab/lab.py up --name demo --inventory inventory/single_computer
 """
@@ -14,7 +14,7 @@ import re
 import sys
 from pathlib import Path
 
-from machines import containers, image
+from machines import containers, image, kinds
 from machines.layout import Extra, choose_suites, hosts_of, read_inventory
 from progress import carry_out
 
@@ -83,20 +83,25 @@ def _parser() -> argparse.ArgumentParser:
     images = command("image", "build images if they are missing", lab=False)
     images.add_argument("suite", nargs="*", default=[image.SUITE], help=f"Debian's releases (default: {image.SUITE})")
     images.add_argument("--full", action="store_true", help="with all packages, as for the tests")
-    command(
-        "up", "start the computers of an inventory and write their connection variables", inventory=True
-    ).add_argument(
+    up = command("up", "start the computers of an inventory and write their connection variables", inventory=True)
+    up.add_argument(
         "--suite",
         metavar="[HOST=]SUITE",
         action="append",
         default=[],
         help=f"Debian's release of all computers, or of one (default: {image.SUITE})",
     )
+    up.add_argument(
+        "--kind", choices=list(kinds.KINDS), default="container", help="what a computer is (default: container)"
+    )
     command("inventory", "write the connection variables of an inventory's computers", inventory=True).add_argument(
         "--print", action="store_true", help="print them instead, as an inventory script does"
     )
     command("down", "remove a lab").add_argument("--all", action="store_true", help="remove every lab, and the images")
     command("restart", "reboot the computers").add_argument("host", nargs="?", help="only this one")
+    command("cut", "cut the power of the computers for a moment, and wait for their boot").add_argument(
+        "host", nargs="?", help="only of this one"
+    )
     command("shell", "open a shell on a computer").add_argument("host")
     return parser
 
@@ -109,19 +114,22 @@ def run(options: argparse.Namespace) -> None:
     elif options.command in ("up", "inventory"):
         hosts = hosts_of(read_inventory(options.inventory), _extras(options))
         if options.command == "up":
-            containers.bring_up(options.name, choose_suites(hosts, options.suite))
+            kinds.bring_up(options.kind, options.name, choose_suites(hosts, options.suite))
         if options.command == "inventory" and options.print:
             print(json.dumps(containers.script_inventory(options.name, hosts), indent=2))
         else:
-            print(containers.write_inventory(options.name, hosts))
+            print(kinds.kind_of(options.name).write_inventory(options.name, hosts))
     elif options.command == "down":
-        containers.take_down(None if options.all else options.name)
+        for kind in kinds.KINDS.values():
+            kind.take_down(None if options.all else options.name)
         if options.all:
             image.remove()
     elif options.command == "restart":
-        containers.restart(options.name, options.host)
+        kinds.kind_of(options.name).restart(options.name, options.host)
+    elif options.command == "cut":
+        kinds.kind_of(options.name).cut_power(options.name, options.host)
     elif options.command == "shell":
-        containers.shell(options.name, options.host)
+        kinds.kind_of(options.name).shell(options.name, options.host)
 
 
 if __name__ == "__main__":

@@ -11,14 +11,12 @@ from __future__ import annotations
 
 import argparse
 import ipaddress
-import json
 import sys
 from pathlib import Path
 
 from machines import disk, image, managers, virtual
 from machines.layout import Host, choose_suites, hosts_of, read_inventory
 from machines.managers import Interface
-from machines.podman import WORK
 from progress import carry_out
 
 MACHINE = "NAME=ADDRESS/PREFIX[,...]"
@@ -82,17 +80,15 @@ def run(options: argparse.Namespace) -> None:
         virtual.bring_up(name, hosts)
         print(virtual.write_inventory(name, hosts))
     elif options.command == "down":
-        for lab in virtual.list_labs() if options.all else [name]:
-            virtual.take_down(lab)
+        virtual.take_down_all(None if options.all else name)
     elif options.command == "run":
         print(virtual.run(name, options.host, options.line, timeout=600), end="")
     elif options.command == "shell":
-        variables = json.loads((WORK / name / "hosts.yml").read_text())
-        virtual.open_shell(variables["all"]["hosts"][options.host], options.host)
+        virtual.shell(name, options.host)
     elif options.command == "reboot":
         virtual.reboot(name, options.host)
     elif options.command == "cut":
-        virtual.cut_power(name, options.host)
+        virtual.cut_and_give_power(name, options.host)
     elif options.command == "carrier":
         virtual.set_carrier(name, options.host, options.interface, options.state == "on")
 

@@ -193,6 +193,20 @@ def reboot(name: str) -> None:
 
 def restart(lab: str, host: str | None = None) -> None:
     """Reboot a computer, or all: processes, addresses, routes and kernel settings go; files stay."""
+    _boot(lab, host, reboot)
+
+
+def cut_power(lab: str, host: str | None = None) -> None:
+    """Kill all processes of a computer, or of all, and boot. Files stay as they are: the kernel of this machine goes on, with what it has yet to write."""
+
+    def kill(name: str) -> None:
+        podman("kill", name)
+        podman("start", name)
+
+    _boot(lab, host, kill)
+
+
+def _boot(lab: str, host: str | None, again: Callable[[str], None]) -> None:
     names = [
         entry["Names"][0] for entry in list_labelled("container", label(lab)) if host in (None, entry["Labels"][HOST])
     ]
@@ -200,7 +214,7 @@ def restart(lab: str, host: str | None = None) -> None:
         raise LabError(f"The lab {lab} has no container{f' of {host}' if host else ''}.")
 
     def whole(name: str) -> None:
-        reboot(name)
+        again(name)
         wait(name)
 
     _do_all(whole, names)

@@ -92,6 +92,8 @@ def ensure(suite: str) -> Path:
     for tool in ("mmdebstrap", "mkfs.ext4", "qemu-img", "qemu-system-x86_64"):
         if not shutil.which(tool):
             raise LabError(f"{tool} is not installed: run 'make lab-vm'.")
+    if disk.folder.exists():  # nobody waits for a disk of another release that is being built
+        return disk.folder
     with image.hold_alone():
         if not disk.folder.exists():
             image.build(disk.base)

@@ -23,7 +23,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,11 @@ def _sockets(lab: str) -> Path:
 
 def _socket(lab: str, host: str, name: str) -> Path:
     return _sockets(lab) / f"{host}.{name}"
+
+
+def _command(lab: str, host: str) -> Path:
+    """The file with the command that starts a machine."""
+    return _folder(lab) / f"{host}.json"
 
 
 def _call(*words: str, check: bool = True) -> str:
@@ -143,7 +148,13 @@ def _start(lab: str, hosts: Sequence[Host], index: int) -> None:
         *("ip", "netns", "exec", namespace(lab), "qemu-system-x86_64", *MACHINE),
         *("-kernel", str(parts / "vmlinuz"), "-initrd", str(parts / "initrd.img")),
         *("-append", "root=/dev/vda rw net.ifnames=0 console=ttyS0 quiet init=/usr/sbin/lab-init"),
-        *("-drive", f"file={layer},if=virtio,cache=unsafe", "-drive", f"file={files},if=virtio,format=raw,readonly=on"),
+        # What the machine has asked to be on its disk is there when the emulator is killed: not so with cache=unsafe.
+        *(
+            "-drive",
+            f"file={layer},if=virtio,cache=writeback",
+            "-drive",
+            f"file={files},if=virtio,format=raw,readonly=on",
+        ),
         *("-serial", f"file:{folder / host.name}.log"),
         *("-chardev", f"socket,id=shell,path={_socket(lab, host.name, 'shell')},server=on,wait=off"),
         *("-device", "virtio-serial-pci", "-device", "virtconsole,chardev=shell"),
@@ -154,11 +165,16 @@ def _start(lab: str, hosts: Sequence[Host], index: int) -> None:
         mac = f"52:54:00:{index:02x}:{number:02x}:01"
         words += ["-netdev", f"tap,id={port.name},ifname=tap{index}.{number},script=no,downscript=no"]
         words += ["-device", f"virtio-net-pci,id={port.name}-device,netdev={port.name},mac={mac},romfile="]
+    _command(lab, host.name).write_text(json.dumps(words))
     _call(*words)
 
 
 def bring_up(lab: str, hosts: Sequence[Host]) -> None:
     """Make a lab of these computers; one that is there under the same name goes before."""
+    if any(host.mounts for host in hosts):
+        raise LabError(
+            "A virtual machine has no mounts of this computer's folders: leave them out, or take containers."
+        )
     take_down(lab)
     started = time.monotonic()
     for suite in sorted({host.suite for host in hosts}):
@@ -257,11 +273,38 @@ def reboot(lab: str, host: str) -> None:
 
 
 def cut_power(lab: str, host: str) -> None:
-    """Switch a machine off and on in one moment, as when its power is cut: data that the kernel has not written is lost. Wait for its boot."""
-    read = "cat /proc/sys/kernel/random/boot_id"
-    before = run(lab, host, read)
-    _ask(lab, host, "system_reset")
-    _wait_for_another_boot(lab, host, read, before)
+    """Cut the power of a machine: the emulator is killed, and all data that the machine has not written to its disk is lost."""
+    _check_name(lab, host)
+    _end(_socket(lab, host, "pid"))
+
+
+def give_power(lab: str, host: str) -> None:
+    """Start a machine whose power was cut, and wait for its boot."""
+    _call(*json.loads(_command(lab, host).read_text()))
+    wait(lab, host)
+
+
+def _choose(lab: str, host: str | None) -> list[str]:
+    """The machine that is meant, or all of a lab."""
+    if host is None:
+        return sorted(path.name[: -len(".pid")] for path in _sockets(lab).glob("*.pid"))
+    _check_name(lab, host)
+    return [host]
+
+
+def restart(lab: str, host: str | None = None) -> None:
+    """Reboot a machine, or all of a lab one after the other, and wait for the boot."""
+    for name in _choose(lab, host):
+        reboot(lab, name)
+
+
+def cut_and_give_power(lab: str, host: str | None = None) -> None:
+    """Cut the power of a machine for a moment, or of all of a lab, and wait for the boot."""
+    names = _choose(lab, host)
+    for name in names:
+        cut_power(lab, name)
+    for name in names:
+        give_power(lab, name)
 
 
 def _wait_for_another_boot(lab: str, host: str, read: str, before: str) -> None:
@@ -305,6 +348,12 @@ def take_down(lab: str) -> None:
             _call("ip", "netns", "delete", namespace(lab))
         shutil.rmtree(_sockets(lab), ignore_errors=True)
         shutil.rmtree(_folder(lab), ignore_errors=True)
+
+
+def take_down_all(lab: str | None) -> None:
+    """Remove a lab, or all labs of virtual machines of this checkout."""
+    for name in list_labs() if lab is None else [lab]:
+        take_down(name)
 
 
 @contextlib.contextmanager
@@ -359,7 +408,9 @@ def write_inventory(lab: str, hosts: Sequence[Host]) -> Path:
     return path
 
 
-def open_shell(connection: Mapping[str, str], host: str) -> None:
+def shell(lab: str, host: str) -> None:
     """Become a shell on a machine, by ssh with its connection variables."""
+    _check_name(lab, host)
+    connection = json.loads((WORK / lab / "hosts.yml").read_text())["all"]["hosts"][host]
     options = shlex.split(connection["ansible_ssh_common_args"])
     os.execvp("ssh", ["ssh", "-i", connection["ansible_ssh_private_key_file"], *options, f"root@{host}"])

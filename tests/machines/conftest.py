@@ -3,8 +3,10 @@
 
 """Labs of virtual machines for the tests in this folder: with a kernel and udev of their own."""
 
+import base64
 import contextlib
 import time
+import zlib
 
 import pytest
 from machines import virtual
@@ -25,10 +27,20 @@ class Machines(Lab):
         for host in hosts:
             self.set_clock(host.name)
 
-    def run(self, host, command, check=True, stdin=None):
+    def run(self, host, command, check=True, stdin=None, timeout=120):
         """Run a shell command as root over a console, and return what it printed."""
-        assert stdin is None
-        return virtual.run(self.name, host, command, check=check)
+        if stdin is not None:
+            self.write(host, "/run/stdin", stdin)
+            command = f"(\n{command}\n) </run/stdin"
+        return virtual.run(self.name, host, command, check=check, timeout=timeout)
+
+    def write(self, host, path, text):
+        """Write a file. A line of a console has 4095 bytes at most."""
+        packed = base64.b64encode(zlib.compress(text.encode())).decode()
+        for start in range(0, len(packed), 2000):
+            virtual.run(self.name, host, f"printf %s {packed[start : start + 2000]} >>{path}.packed")
+        unpack = f"import base64, zlib; open('{path}', 'wb').write(zlib.decompress(base64.b64decode(open('{path}.packed').read())))"
+        virtual.run(self.name, host, f'python3 -c "{unpack}"; rm {path}.packed')
 
     def set_carrier(self, host, interface, up):
         """Plug a cable in, or pull it."""

@@ -5,7 +5,8 @@
 
 import pytest
 import vm
-from machines import virtual
+from machines import kinds, virtual
+from machines.layout import Host
 from machines.podman import LabError
 
 ANA = vm.make_host("ana", ["192.168.1.254/24", "10.0.0.1/24"], "networkd", "trixie")
@@ -21,6 +22,20 @@ def test_a_lab_has_a_folder_of_its_own(tmp_path, monkeypatch):
     assert virtual.list_labs() == ["a"]
     virtual.take_down("a")
     assert other.exists() and virtual.list_labs() == []
+
+
+def test_a_lab_knows_what_its_computers_are(tmp_path, monkeypatch):
+    monkeypatch.setattr(virtual, "SOCKETS", tmp_path)
+    virtual._sockets("a").mkdir()
+    assert kinds.kind_of("a") is kinds.KINDS["machine"]
+    assert kinds.kind_of("b") is kinds.KINDS["container"]
+
+
+def test_a_mount_is_refused_before_anything_is_made(tmp_path, monkeypatch):
+    monkeypatch.setattr(virtual, "SOCKETS", tmp_path)
+    with pytest.raises(LabError, match="mounts"):
+        virtual.bring_up("a", [Host("ana", (), mounts=("/etc:/mnt",))])
+    assert virtual.list_labs() == []
 
 
 def test_a_bridge_has_a_free_address():
