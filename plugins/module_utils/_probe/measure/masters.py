@@ -140,8 +140,11 @@ def _hear_crossing(
         if row["data_outcome"] == Outcome.OPEN.value
         for topic, offer in _choose(own, row["robot"])
     ]
-    late = {"outcome": Outcome.NO_ANSWER, "error": "late"}
-    heard = call_all(lambda job: _hear(relay, robot, *job), jobs, RELAYS, lambda job: _make_crossing(*job[1:], **late))
+
+    def late(job: typing.Tuple[Row, str, Offer]) -> Row:
+        return _make_crossing(job[1], job[2], outcome=Outcome.NO_ANSWER, error="late")
+
+    heard = call_all(lambda job: _hear(relay, robot, *job), jobs, RELAYS, late)
     for (row, _topic, _offer), crossing in zip(jobs, heard):
         row["crossing"] = [*row["crossing"], crossing]
 
