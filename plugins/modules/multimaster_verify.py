@@ -813,6 +813,7 @@ next_boot:
 pace:
   description: How many times longer things take on this computer than on an idle one, 1 to 6; its limits of time
     were stretched by it.
+  version_added: 1.1.0
   returned: when O(action=collect)
   type: float
   sample: 1.0

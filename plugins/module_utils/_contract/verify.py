@@ -135,6 +135,7 @@ class Probe(Struct, returned="when O(action=collect)"):
         "How many times longer things take on this computer than on an idle one, 1 to 6; its limits of time were stretched by it.",
         1.0,
         default=1.0,
+        added="1.1.0",
     )
     talker: typing.Optional[Talker] = field(
         "The talker of this computer.",
