@@ -37,7 +37,7 @@ def measure_pace(waits: str = "/proc/self/schedstat") -> float:
 
 
 def _read_waits(path: str) -> float:
-    """Read how many times longer a process took since the kernel had others run meanwhile (sched-stats.rst); 1 where it is not told."""
+    """Read how many times longer a process took since the kernel had others run meanwhile (sched-stats.rst); 1 if it is not known."""
     numbers = [int(word) for word in text(path, 200).split() if word.isdigit()]
     return 1 + numbers[1] / numbers[0] if len(numbers) > 1 and numbers[0] else 1.0
 

@@ -17,7 +17,7 @@ _RPC, _UDP = "rpc", "udp"
 
 
 def find_port(component: Component, rows: Iterable[Row], fleet: FleetPlan) -> str:
-    """Find the port by which a filter is told, such as "11511"; empty for a filter of packets of any port.
+    """Find the port that a filter names, such as "11511"; empty for a filter of packets of any port.
 
     Each robot may have ports of its own: that of the master counts which most of the rows have asked for.
     """
