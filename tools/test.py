@@ -25,7 +25,7 @@ import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -151,6 +151,11 @@ def cases(
     blank = Suite(group, name, (), judge_pytest, cores, seconds, labs, limit)
     command = ("pytest", "--quiet", f"--junit-xml={blank.report}", "-p", "no:cacheprovider", *words)
     return Suite(group, name, command, judge_pytest, cores, seconds, labs, limit)
+
+
+def more_mixtures(suite: Suite) -> Suite:
+    """The suite with many mixtures of files as people have them (tests/unit/helpers/field.py)."""
+    return replace(suite, command=("env", "FIELD_EXAMPLES=500", *suite.command))
 
 
 #: Molecule scenarios and files of tests/systems: about how long each takes with others, in seconds. One that is not here is short.
@@ -361,6 +366,7 @@ SUITES = [
     cases("long", "site", "tests/site", seconds=90),  # the documentation
     cases("machines", "pytest", "--verbose", "tests/machines", cores=CORES, limit=LONG_LIMIT),  # virtual ones
     cases("long", "unit", *UNIT, *THE_COSTLY),
+    more_mixtures(cases("long", "field", "tests/unit/field", seconds=300)),
     *(
         Suite(
             "long", f"sanity_{line}", (sys.executable, "tools/sanity.py", f"--core={line}"), judge_sanity, seconds=240

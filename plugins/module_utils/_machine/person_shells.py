@@ -98,6 +98,18 @@ def _read(answer: typing.Any, names: typing.Sequence[str]) -> Seen:
     )
 
 
+def _list_untold(own: typing.Sequence[str], answers: Answers, parsed: typing.Sequence[Row]) -> typing.List[Row]:
+    """List what was parsed and no shell tells: in files of other programs, and of a shell without an answer, as after `set -e` and an error."""
+    told = {(*place[:2], name) for seen in answers.values() for name, place in seen.places.items()}
+    silent = len(answers) < len(KINDS)
+    return [
+        row
+        for row in parsed
+        if os.path.basename(row["file"]) not in own
+        or (silent and (row["file"], row["line"], row["variable"]) not in told)
+    ]
+
+
 def list_rows(
     person: Person, answers: Answers, parsed: typing.Sequence[Row], planned: Values, ours: typing.Callable[[str], bool]
 ) -> typing.List[Row]:
@@ -108,7 +120,7 @@ def list_rows(
     if not answers:
         return list(parsed)
     own = FILES[person.kind]
-    rows = [row for row in parsed if os.path.basename(row["file"]) not in own]
+    rows = _list_untold(own, answers, parsed)
     for kind, seen in sorted(answers.items()):
         for name, value in sorted(seen.values.items()):
             place = seen.places.get(name) or _find_line(parsed, own, name)

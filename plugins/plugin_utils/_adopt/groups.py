@@ -165,10 +165,13 @@ def _choose_addresses(
 
 
 def _find_smallest(addresses: Iterable[IPv4Address]) -> IPv4Network | None:
-    """Return the smallest network of these addresses; None where it would be wider than any of a person."""
+    """Return the smallest network that has these as addresses of computers; None where it would be wider than any of a person."""
     first, last = min(addresses), max(addresses)
-    length = min(_SMALLEST, 32 - (int(first) ^ int(last)).bit_length())
-    return IPv4Network((first, length), strict=False) if length >= _LARGEST else None
+    for length in range(_SMALLEST, _LARGEST - 1, -1):
+        network = IPv4Network((first, length), strict=False)
+        if network.network_address != first and last < network.broadcast_address:
+            return network
+    return None
 
 
 def find_groups(machines: Machines) -> FleetGroups | None:

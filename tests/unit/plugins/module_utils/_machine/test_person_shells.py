@@ -98,6 +98,16 @@ def test_a_shell_that_hangs_is_ended_and_its_files_are_read(person, line, monkey
     assert found in ([(".bashrc", 2, "ROS_IP", "10.0.0.1", "")], [(".bashrc", 2, "ROS_IP", "10.0.0.1", "interactive")])
 
 
+def test_what_stands_in_files_is_told_if_one_of_the_shells_has_no_answer(person):
+    write(person, ".bashrc", "export ROS_IP=10.0.0.1", "set -e", "false")
+    write(person, ".profile", "export ROS_HOSTNAME=robot")
+    assert list(person_shells.ask(person, NAMES)) == ["login"]
+    assert rows(person) == [
+        (".bashrc", 1, "ROS_IP", "10.0.0.1", ""),
+        (".profile", 1, "ROS_HOSTNAME", "robot", "login"),
+    ]
+
+
 def test_megabytes_of_output_and_of_variables_do_no_harm(person, monkeypatch):
     monkeypatch.setattr(person_shells, "_ASKING", 3.0)
     write(person, ".bashrc", "export ROS_IP=10.0.0.1", "head -c 30000000 /dev/zero", "head -c 9000000 /dev/zero >&2")

@@ -180,6 +180,8 @@ def single(device, names, **link):
         ("tailscale0", ("100.64.3.7", "100.101.2.2"), "100.64.0.0/10"),
         ("bat0", ("10.7.3.7", "10.7.3.200"), "10.7.3.0/24"),
         ("wg0", ("10.7.3.1", "10.7.3.2"), "10.7.3.0/30"),
+        ("wg0", ("10.7.3.12", "10.7.3.15"), "10.7.3.8/29"),
+        ("wg0", ("10.7.3.16", "10.7.3.19"), "10.7.3.0/27"),
     ],
 )
 def test_single_addresses_are_kept_and_discovered_without_multicast(device, addresses, network):

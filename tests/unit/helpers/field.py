@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: rosfleet contributors
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Files as people have them (tests/unit/fixtures/field), and mixtures of them, for property tests.
+
+FIELD_EXAMPLES is how many mixtures each property tries; `make test-long` tries many.
+"""
+
+import os
+import pathlib
+
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+
+FOLDER = pathlib.Path(__file__).parents[1] / "fixtures" / "field"
+EXAMPLES = int(os.environ.get("FIELD_EXAMPLES") or 40)
+
+
+def tries(share=1.0):
+    """Set how many examples a property tries: a share of FIELD_EXAMPLES, less where each one runs a program."""
+    checks = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
+    return settings(max_examples=max(3, int(EXAMPLES * share)), deadline=None, suppress_health_check=checks)
+
+
+def read(kind):
+    """Read the files of a kind: name -> bytes."""
+    return {path.name: path.read_bytes() for path in sorted((FOLDER / kind).iterdir())}
+
+
+def pieces(kind):
+    """List what mixtures are made of: whole files, and their paragraphs."""
+    found = [content for content in read(kind).values() if content]
+    return found + [part + b"\n" for content in found for part in content.split(b"\n\n") if part.strip()]
+
+
+@st.composite
+def mixtures(draw, kind, most=6):
+    """Draw a file out of pieces of several files, with the slips of people."""
+    content = b"".join(draw(st.lists(st.sampled_from(pieces(kind)), max_size=most)))
+    return draw(st.sampled_from(SLIPS))(content)
+
+
+def double_a_line(content):
+    lines = content.split(b"\n")
+    return b"\n".join([*lines[: len(lines) // 2 + 1], *lines[len(lines) // 2 :]])
+
+
+#: What becomes of a file in the hands of people and their editors.
+SLIPS = (
+    lambda content: content,
+    lambda content: content,
+    lambda content: content.rstrip(b"\n"),
+    lambda content: content.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n"),
+    lambda content: content.replace(b"\n", b"  \t\n"),
+    lambda content: content.replace(b" ", b"\t"),
+    lambda content: content.replace(b" ", b"\xc2\xa0", 1),
+    lambda content: b"\xef\xbb\xbf" + content,
+    lambda content: content[: len(content) * 2 // 3],
+    double_a_line,
+)
