@@ -22,7 +22,7 @@ from . import fleet_report
 
 
 class ActionModule(FleetAction):
-    """Joins the kept keys with those that were told, and writes the file where they differ."""
+    """Joins the kept keys with those that were read on the computers, and writes the file if they differ."""
 
     _VALID_ARGS = frozenset(("fleet", "told", "path", "rotate"))
 
@@ -34,9 +34,9 @@ class ActionModule(FleetAction):
             _check_place(task_vars, path, fleet.computers)
             before = path.read_text(encoding="utf-8") if path.is_file() else ""
             kept = tunnel.read_keys(before)
-            told = _read_told(task_vars, str(args["told"]), kept)
+            reported = _read_reported(task_vars, str(args["told"]), kept)
             rotate = boolean(args.get("rotate", False))
-            keys, refused = tunnel.join_keys(kept, told, fleet.computers, rotate)
+            keys, refused = tunnel.join_keys(kept, reported, fleet.computers, rotate)
             after = tunnel.write_keys(keys)
             if after != before and not self._task.check_mode:
                 _replace(path, after)
@@ -58,8 +58,8 @@ class ActionModule(FleetAction):
         }
 
 
-def _read_told(variables: Mapping[str, Any], name: str, kept: Mapping[str, str]) -> dict[str, Any]:
-    """Return the key that each computer of the run has told of itself: one that waits, where it is the kept one already."""
+def _read_reported(variables: Mapping[str, Any], name: str, kept: Mapping[str, str]) -> dict[str, Any]:
+    """Return the key that each computer of the run has reported: the pending one, if that is the kept one already."""
     hosts = variables.get("ansible_play_hosts_all", ())
     results = {host: find_result(variables["hostvars"][host], name) for host in hosts}
     answers = {host: found for host, found in results.items() if found and "public_key" in found}
@@ -77,7 +77,7 @@ def _check_place(variables: Mapping[str, Any], path: Path, computers: Iterable[s
     if str(path.parent) in places and (len(places) > 1 or "None" in places):
         found = "no folder of an inventory" if places == {"None"} else f"inventories in {', '.join(sorted(places))}"
         raise tunnel.WrongKeys(
-            f"found {found}; expected one, since all runs need the same keys: say in tunnel_keys_file where they are"
+            f"found {found}; expected one, since all runs need the same keys: set tunnel_keys_file to its path"
         )
 
 

@@ -7,7 +7,7 @@ module: fleet_keys
 short_description: Gather the public keys of the tunnel, and keep them
 version_added: "1.1.0"
 description:
-  - Takes what each computer reported of its own key by its own connection, and the keys that are kept in a file beside the inventory. So a run
+  - Takes the key that each computer reported by its own connection, and the keys that are kept in a file next to the inventory. So a run
     with C(--limit), and one without a robot that is lost, know the keys of all.
   - A computer is refused if its key has changed and O(rotate) is false, if its key has not the form of a key, and if another computer has
     the same key. The other computers go on. A computer that is no longer in the plan loses its place.
@@ -74,7 +74,7 @@ refused:
   type: dict
   sample: {}
 msg:
-  description: One sentence on what was done, or on what prevents it.
+  description: One sentence on the change, or on the reason against it.
   returned: always
   type: str
   sample: 2 computers have a key.

@@ -44,14 +44,14 @@ def refuse_second(roscore: Roscore, node: str) -> None:
         Rpc(uri, 2.0).call("getPid", "/rosfleet")
     except program.FAILURES:
         return  # it is dead, and its registration is replaced
-    raise program.Fatal(f"a node named {node} is already running at {uri}: stop it, or do not start this one beside it")
+    raise program.Fatal(f"a node named {node} is already running at {uri}: stop it, or do not start this one")
 
 
 class Start(NamedTuple):
     """A node that has begun: its loop, its roscore, its names and its parameters."""
 
     loop: Loop
-    ended: EndFlag  # it ends by itself: that ROS ends it, too, is nothing to tell of
+    ended: EndFlag  # it ends by itself: that ROS ends it, too, is nothing to report
     roscore: Roscore
     uri: str  # that the roscore calls itself
     name: str  # of the node
@@ -96,18 +96,18 @@ class Identity:
         return [("getPid",), ("lookupService", self.service[0] or "/-")]
 
     def check(self, service: Tuple[str, str], pid: Any, service_uri: Any) -> bool:
-        """Compare the answers. `service`: the own one when they were asked for. Raises program.Fatal where `service_uri` differs.
+        """Compare the answers. `service`: the own one when they were asked for. Raises program.Fatal if `service_uri` differs.
 
-        True where it was restarted, and has remembered this node.
+        True if it was restarted, and has remembered this node.
         """
         if pid is None:
-            raise OSError("the roscore does not tell its process id")
+            raise OSError("the roscore does not report its process id")
         before, self._pid = self._pid, pid
         self.check_service(service, service_uri)  # a node that has none yet may be as well known as before
         return before not in (None, pid)
 
     def check_service(self, service: Tuple[str, str], service_uri: Any) -> None:
-        """Compare what the roscore says of the own service. Raises program.Fatal where it is not this node's any more."""
+        """Compare the roscore's entry of the own service. Raises program.Fatal if it is not this node's any more."""
         if service[0] and service_uri != service[1]:
             raise program.Fatal(f"the roscore knows {service[0]} no longer as a service of this node: starting again")
 
@@ -118,7 +118,7 @@ class RoscoreCheck:
     def __init__(
         self, loop: Loop, roscore: Roscore, identity: Identity, workers: Workers, again: Callable[[], None]
     ) -> None:
-        """`again()` is called where it answers again or was restarted. The program ends where the own service is lost."""
+        """`again()` is called if it answers again or was restarted. The program ends if the own service is lost."""
         self._roscore, self._identity, self._again = roscore, identity, again
         self._unanswered = 0
         self._line = Lifeline(loop, self._cut)
@@ -126,7 +126,7 @@ class RoscoreCheck:
         self._checks = RecurringJob(workers, lambda: WATCHED if self._line else HEALTH, self._check, self._on_check)
 
     def tick(self, now: float) -> Optional[float]:
-        """Check where that is due; the time of the next check."""
+        """Check if that is due; the time of the next check."""
         return self._checks.tick(now)
 
     def _cut(self) -> None:
