@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down quick check lint sanity unit molecule systems bench bench-site test test-long test-machines test-faults test-interop test-matrix checkout docs findings format house readme lock copies build
+.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down quick check lint sanity unit molecule systems bench bench-site test test-long test-machines test-faults test-interop test-matrix checkout docs findings format house references readme lock copies build
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -111,6 +111,9 @@ docs: setup ## a site of all pages, modules, roles, filters and variables, with 
 
 findings: setup ## write the pages of the findings (docs/findings) out of the table of faults
 	@PYTHONPATH=.work/collections $(PYTHON) tools/findings.py
+
+references: setup ## write the tables of the references (variables, options, checks, ports, files, parameters, metrics) out of the code
+	@PYTHONPATH=.work/collections $(PYTHON) tools/references.py
 
 readme: setup ## write the tables of what was measured into their pages
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py

@@ -321,6 +321,7 @@ SUITES = [
     lint("antsibull-changelog", "antsibull-changelog", "lint"),
     lint("antsibull-docs", "antsibull-docs", "lint-collection-docs", "--plugin-docs", ".", seconds=7),
     lint("readme", sys.executable, "tools/readme.py", "--check"),
+    lint("references", sys.executable, "tools/references.py", "--check"),
     lint("findings", sys.executable, "tools/findings.py", "--check"),
     lint("contract", sys.executable, "tools/contract.py", "--check"),
     cases("unit", "quick", *UNIT, "-m", "not slow and not costly", cores=UNIT_CORES, seconds=200),

@@ -17,6 +17,7 @@ from .filters import matches
 
 # The topics of the verification while it runs. They cross wherever any topic does.
 VERIFICATION_TOPICS = "/multimaster_verify/*"
+RPC_PORT = 300  # of a discovery node, above that of the roscore
 RELAY_PORT = 600  # of a relay, above that of the roscore
 
 

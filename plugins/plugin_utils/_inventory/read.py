@@ -18,7 +18,7 @@ from typing import Any
 
 from .._base.features import load_hooks
 from .._base.sentences import UnexpectedValue, nearest, shorten_list
-from . import contradictions, heartbeats, kinds, networks, variables
+from . import contradictions, flows, heartbeats, kinds, networks, variables
 from .hooks import InventoryHooks
 from .model import Computer, Fleet, Inventory, Robot, Router, Values
 
@@ -112,7 +112,7 @@ def _read_values(inventory: Inventory, problems: list[str]) -> Fleet:
     robots = []
     for name, members in inventory.robots.items():
         own = variables.make(variables.RobotVariables, _take_common_values(name, members, hosts, problems))
-        own = replace(own, rpc_port=own.rpc_port or (own.roscore_port or 0) + 300)
+        own = replace(own, rpc_port=own.rpc_port or (own.roscore_port or 0) + flows.RPC_PORT)
         robots.append(make_robot(name, {host: computers[host] for host in members}, own, shared.common_network))
     return Fleet(tuple(robots), _read_router(inventory, shared.router, problems), shared)
 

@@ -29,7 +29,7 @@ _REMOVALS = {
 }
 
 _MODE = 0o644  # of the drop-in
-_RULES = "/etc/udev/rules.d/90-rosfleet-multimaster.rules"  # for the keys of modules that are loaded late
+RULES = "/etc/udev/rules.d/90-rosfleet-multimaster.rules"  # for the keys of modules that are loaded late
 # $1: a file of the kernel, $2: its value. One that has the value already is not set apart by writing it.
 _RESTORE = 'set -f; [ ! -e "$1" ] || [ "$(echo $(cat "$1"))" = "$2" ] || printf "%s\\n" "$2" >"$1"'
 
@@ -117,10 +117,10 @@ class SysctlRun(ModuleRun):
 
     def _add_rules(self) -> None:
         """Add the rules of udev that the settings need, where there is an udev, or those of ours that they need no longer."""
-        has_udev = boot.boots_with_systemd(self.tree) and self.tree.exists(os.path.dirname(_RULES))
+        has_udev = boot.boots_with_systemd(self.tree) and self.tree.exists(os.path.dirname(RULES))
         wanted = plan.rules_text(self.settings) if has_udev else None
-        if wanted or self.tree.read(_RULES).startswith(plan.HEADER):
-            self.texts_before[_RULES], self.texts_after[_RULES] = self._read_own_text(_RULES), wanted
+        if wanted or self.tree.read(RULES).startswith(plan.HEADER):
+            self.texts_before[RULES], self.texts_after[RULES] = self._read_own_text(RULES), wanted
 
     def _read_own_text(self, path: str) -> typing.Optional[str]:
         """The text of a file of ours, the drop-in or the rules; None if there is none. Raises Problem for a file that is not ours."""

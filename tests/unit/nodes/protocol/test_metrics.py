@@ -141,10 +141,3 @@ def test_the_dashboard_asks_for_metrics_that_exist():
         assert f"multimaster_{wanted}" in asked
     ids, places = [panel["id"] for panel in dashboard["panels"]], [panel["gridPos"] for panel in dashboard["panels"]]
     assert len(set(ids)) == len(ids) and all(place["x"] + place["w"] <= 24 for place in places)
-
-
-def test_the_page_about_metrics_has_each_of_them():
-    page = (ROOT / "docs/operate/metrics.md").read_text()
-    for name, family in metrics.FAMILIES.items():
-        labels = ", ".join(f"`{label}`" for label in family.labels)
-        assert f"| `{metrics.PREFIX}{name}` | {family.kind} | {labels} | {family.help} |" in page

@@ -1,14 +1,9 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-import pathlib
-import re
 
 import pytest
-import yaml
 from mentioned import mentions
-from rosfleet_multimaster.protocol.parameters import _CHANNEL, DISCOVERY, RELAY, SYNC, ParameterError, overlay
-
-PAGE = pathlib.Path(__file__).resolve().parents[4] / "docs/operate/node_parameters.md"
+from rosfleet_multimaster.protocol.parameters import DISCOVERY, SYNC, ParameterError, overlay
 
 
 def test_defaults_and_what_is_given():
@@ -96,30 +91,3 @@ def test_the_interface_may_follow_the_group():
     assert overlay(DISCOVERY, {"mcast_group": "226.0.0.0@192.168.1.201"})[1] == []
     values, warnings = overlay(SYNC, {"robot2": {"ignore_topics": ["/a"]}})
     assert warnings == [] and values["robot2"] == {"ignore_topics": ["/a"]}
-
-
-def read_rows(title, head):
-    """Read a table of the page below a heading: name -> its second cell; each name stands in one row."""
-    section = PAGE.read_text(encoding="utf-8").partition(f"\n## {title}\n")[2].partition("\n## ")[0]
-    lines = section.partition(head)[2].partition("\n\n")[0].splitlines()[2:]
-    found = [(name, cells[1]) for cells in map(split_row, lines) for name in re.findall(r"`(\w+)`", cells[0])]
-    assert len(found) == len(dict(found))
-    return dict(found)
-
-
-def split_row(line):
-    return [cell.strip() for cell in line.strip("|").split("|")]
-
-
-@pytest.mark.parametrize(
-    ("title", "table"), [("master_discovery", DISCOVERY), ("master_sync", SYNC), ("master_relay", RELAY)]
-)
-def test_the_page_has_each_parameter_and_its_default(title, table):
-    shown = {**read_rows("All nodes", "| name | default"), **read_rows(title, "| name | default")}
-    assert set(shown) == set(table)
-    fixed = {name: parameter.default for name, parameter in table.items() if parameter.default not in ("", None)}
-    assert len(fixed) > 4 and {name: yaml.safe_load(shown[name]) for name in fixed} == fixed
-
-
-def test_the_page_has_each_key_of_a_channel():
-    assert set(read_rows("master_relay", "| key of a channel")) == set(_CHANNEL)

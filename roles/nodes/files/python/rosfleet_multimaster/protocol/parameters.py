@@ -89,7 +89,7 @@ KINDS: Mapping[str, Tuple[str, Callable[[Any], bool]]] = {
 }
 
 # Of all nodes: the members of the fleet, and the output for people.
-_COMMON: Table = {
+COMMON: Table = {
     "strangers": Parameter(ALLOW, "strangers"),
     "allow": Parameter([], "networks"),
     "members": Parameter([], "members"),
@@ -120,7 +120,7 @@ DISCOVERY: Table = {
     "exports": Parameter(None, "exports"),
     "do_not_sync": Parameter([], "names"),
     "differences": Parameter(True, "flag"),
-    **_COMMON,
+    **COMMON,
 }
 
 SYNC: Table = {
@@ -132,14 +132,14 @@ SYNC: Table = {
     "resync_on_reconnect_timeout": Parameter(0.0, "seconds"),
     "end_lost_connections": Parameter(True, "flag"),
     "differences": Parameter(True, "flag"),
-    **_COMMON,
+    **COMMON,
 }
 
 RELAY: Table = {
     "robot": Parameter("", "text"),
     "port": Parameter(None, "port"),
     "channels": Parameter([], "channels"),
-    **_COMMON,
+    **COMMON,
 }
 
 # Parameters of upstream that these nodes do not need, and why.
@@ -238,7 +238,7 @@ def _check_export(what: str, entry: Mapping[str, Any]) -> None:
         _check_names(f"{what}, {key}", entry.get(key, []))
 
 
-_CHANNEL: Mapping[str, str] = {
+CHANNEL: Mapping[str, str] = {
     "peer": "text",
     "hosts": "texts",
     "port": "port",
@@ -258,9 +258,9 @@ _CHANNEL: Mapping[str, str] = {
 
 
 def _check_channel(what: str, entry: Mapping[str, Any]) -> None:
-    if set(entry) != set(_CHANNEL):
-        raise ParameterError(f"{what} has {', '.join(sorted(map(str, entry)))}, but {', '.join(_CHANNEL)} are expected")
-    for key, kind in _CHANNEL.items():
+    if set(entry) != set(CHANNEL):
+        raise ParameterError(f"{what} has {', '.join(sorted(map(str, entry)))}, but {', '.join(CHANNEL)} are expected")
+    for key, kind in CHANNEL.items():
         expected, accepts = KINDS[kind]
         if not accepts(entry[key]):
             raise ParameterError(f"{what} has {entry[key]!r} as its {key}, but {expected} is expected")
