@@ -203,7 +203,7 @@ class Helper:
                 return []
             del self.introductions[spent[0]]
         self.introductions[source] = TIMES
-        return self._introduce(source)
+        return self._make_hello(source)
 
     # Sending
 
@@ -227,7 +227,9 @@ class Helper:
                 self.rounds, self.done = None, True
                 self.introductions.update((peer.control, TIMES) for peer in self.peers.values() if peer.control)
         self.due = now + IDLE
-        return self._probes(False) + [hello for source in list(self.introductions) for hello in self._introduce(source)]
+        return self._probes(False) + [
+            hello for source in list(self.introductions) for hello in self._make_hello(source)
+        ]
 
     def _measurement(self, rounds: int, interval: float, unicast: bool) -> Steps:
         """Take the steps of a measurement.
@@ -268,7 +270,7 @@ class Helper:
                 asks.append((self._message(ASK, sequence=self.sequence, asked=self.wall), peer.control))
         return asks
 
-    def _introduce(self, source: Address) -> Datagrams:
+    def _make_hello(self, source: Address) -> Datagrams:
         if not self.introductions[source]:
             return []
         self.introductions[source] -= 1
