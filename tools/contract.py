@@ -3,12 +3,14 @@
 
 """Write RETURN of the modules that measure, made of the contract (plugins/module_utils/_contract).
 
-Ansible needs it as a literal in the file. It is for people: each key, and one level below it.
+Ansible needs it as a literal in the file. It is for people: each key, and one level below it with the first
+sentence of each field. All sentences and examples are in the contract.
 With `--check` nothing is written; a section that is not the generated one is an error.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -26,6 +28,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._contract.fie
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io.documentation import SECTION, make_kind
 
 MODULES = Path(__file__).resolve().parents[1] / "plugins" / "modules"
+SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
 WIDTH = 108  # of a line, about: a long word goes beyond
 
 
@@ -38,12 +41,12 @@ def fill(module: str, text: str) -> str:
 def _write_key(name: str, entry: Field) -> str:
     lines = [f"{name}:\n"]
     lines += [indent(_dump({key: value}, flow=False), "  ") for key, value in _describe(entry).items()]
-    sample = make_sample(entry)
+    struct = find_struct(entry.kind)
+    sample = None if struct else make_sample(entry)
     if isinstance(sample, list) and sample and isinstance(sample[0], dict):
         lines.append("  sample:\n" + "".join(indent(f"- {_indent_rest(_dump(each))}", "    ") for each in sample))
     elif sample is not None:
         lines.append(f"  sample: {_indent_rest(_dump(sample), 4)}")
-    struct = find_struct(entry.kind)
     if struct is not None:
         lines.append("  contains:\n" + "".join(_write_fields(struct)))
     return "".join(lines)
@@ -51,7 +54,14 @@ def _write_key(name: str, entry: Field) -> str:
 
 def _write_fields(struct: type[Struct]) -> Iterator[str]:
     for name, entry in struct.FIELDS.items():
-        yield f"    {name}: {_indent_rest(_dump(_describe(entry)), 6)}"
+        yield f"    {name}: {_indent_rest(_dump(_shorten(_describe(entry))), 6)}"
+
+
+def _shorten(described: Mapping[str, str]) -> Mapping[str, str]:
+    """Return a description with its first sentence, and without the condition that is the rule."""
+    first = SENTENCE.split(described["description"], maxsplit=1)[0]
+    kept = {name: text for name, text in described.items() if (name, text) != ("returned", "always")}
+    return {**kept, "description": first}
 
 
 def _describe(entry: Field) -> Mapping[str, str]:

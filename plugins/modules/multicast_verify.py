@@ -126,8 +126,8 @@ options:
     type: bool
     default: false
 notes:
-  - The return values have one level of fields here. All fields are in C(plugins/module_utils/_contract) of the collection, each with its
-    type, a sentence and an example.
+  - The return values have one level of fields here, each with its first sentence. All fields, sentences and examples are in
+    C(plugins/module_utils/_contract) of the collection.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -179,100 +179,82 @@ memberships:
   returned: always
   type: list
   elements: dict
-  sample:
-    - {interface: eth0, group: 226.0.0.0, users: 1, family: ipv4, querier: V2}
   contains:
-    interface: {description: The name of the interface., returned: always, type: str}
-    group: {description: The address of the group., returned: always, type: str}
-    users: {description: 'How many sockets, or parts of the kernel, are members.', returned: always, type: int}
-    family: {description: V(ipv4) or V(ipv6)., returned: always, type: str}
-    querier: {description: 'The IGMP version that the interface speaks, after the queries it last heard. No proof that a querier
-          lives. Null for IPv6.', returned: always, type: str}
+    interface: {description: The name of the interface., type: str}
+    group: {description: The address of the group., type: str}
+    users: {description: 'How many sockets, or parts of the kernel, are members.', type: int}
+    family: {description: V(ipv4) or V(ipv6)., type: str}
+    querier: {description: 'The IGMP version that the interface speaks, after the queries it last heard.', type: str}
 udp:
   description: For every other computer, the result of UDP datagrams on the group and port.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {name: kobuki2computer, address: 192.168.1.239, multicast: true, heard_from: true, heard: 14, source_address: 192.168.1.239,
-        other_interfaces: [], heard_by: true, loss: 0.0, own_source_address: 192.168.1.229, unicast: true, rtt_ms: {
-          min: 0.4, median: 0.6, max: 1.9}, clock_offset_s: -0.0021}
   contains:
-    name: {description: The name of the other computer., returned: always, type: str}
-    address: {description: Its planned address., returned: always, type: str}
-    multicast: {description: 'Whether O(group) is to reach both computers, by O(computers[].multicast).', returned: always, type: bool}
-    heard_from: {description: 'Whether its datagrams to the group arrive here, on the planned interface.', returned: always, type: bool}
-    heard: {description: How many of them arrived since this computer's helper was started., returned: always, type: int}
-    source_address: {description: 'The source address of these datagrams, or null without any. Another one than RV(udp[].address)
-          means address translation.', returned: always, type: str}
-    other_interfaces: {description: Other interfaces of this computer on which they arrive., returned: always, type: list, elements: str}
+    name: {description: The name of the other computer., type: str}
+    address: {description: Its planned address., type: str}
+    multicast: {description: 'Whether O(group) is to reach both computers, by O(computers[].multicast).', type: bool}
+    heard_from: {description: 'Whether its datagrams to the group arrive here, on the planned interface.', type: bool}
+    heard: {description: How many of them arrived since this computer's helper was started., type: int}
+    source_address: {description: 'The source address of these datagrams, or null without any.', type: str}
+    other_interfaces: {description: Other interfaces of this computer on which they arrive., type: list, elements: str}
     heard_by: {description: 'Whether the other computer heard this computer''s datagrams to the group while it measured, by
-          its own count. Null when no count came back, which proves nothing (its own RV(udp[].heard_from) then shows
-          it), and if O(computers[].multicast=false) for one of the two.', returned: always, type: bool}
-    loss: {description: 'The share of this computer''s datagrams to the group that the other did not hear, from 0 to 1.
-          Null without a count, and if O(computers[].multicast=false) for one of the two.', returned: always, type: float}
-    own_source_address: {description: 'The source address from which the other computer sees this one, or null without an answer.', returned: always,
-        type: str}
+          its own count.', type: bool}
+    loss: {description: 'The share of this computer''s datagrams to the group that the other did not hear, from 0 to 1.',
+        type: float}
+    own_source_address: {description: 'The source address from which the other computer sees this one, or null without an answer.', type: str}
     unicast: {description: 'Whether it received unicast datagrams from this computer on O(port), or null without an answer
-          or with O(unicast=false).', returned: always, type: bool}
+          or with O(unicast=false).', type: bool}
     rtt_ms: {description: 'The round-trip time of unicast datagrams between the two helpers, in milliseconds, or null without
-          an answer.', returned: always, type: dict}
+          an answer.', type: dict}
     clock_offset_s: {description: 'How many seconds the other computer''s clock is ahead of this one''s, or null without an answer.',
-        returned: always, type: float}
+        type: float}
 unexpected:
   description: Sources of datagrams on the group and port that are no computers of the fleet.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {address: 192.168.1.77, interface: eth0, datagrams: 3}
   contains:
-    address: {description: The source address., returned: always, type: str}
-    interface: {description: The interface on which they arrived., returned: always, type: str}
-    datagrams: {description: How many arrived since this computer's helper was started., returned: always, type: int}
+    address: {description: The source address., type: str}
+    interface: {description: The interface on which they arrived., type: str}
+    datagrams: {description: How many arrived since this computer's helper was started., type: int}
 callers:
   description: The senders of empty datagrams to O(port) of this computer itself since the helper was started. A
     computer that has sent some and is not among them is seen from another address, or its datagrams are dropped.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {address: 192.168.11.100, datagrams: 3}
   contains:
-    address: {description: The source address., returned: always, type: str}
-    datagrams: {description: How many arrived., returned: always, type: int}
+    address: {description: The source address., type: str}
+    datagrams: {description: How many arrived., type: int}
 icmp:
   description: The rounds of ICMP echo requests. A host whose C(net.ipv4.icmp_echo_ignore_broadcasts) is 1, the
     kernel's default, never answers, though multicast works; and an answer says nothing on UDP and another group.
     Null with O(icmp=false).
   returned: when O(action=collect)
   type: dict
-  sample: {group: 224.0.0.1, error: null, rounds: [{round: 1, answered: [kobuki2computer], missing: [], unexpected: []}],
-      echo_ignore_broadcasts: 0}
   contains:
-    group: {description: The group that was asked., returned: always, type: str}
-    error: {description: 'Why the rounds could not be done, or null.', returned: always, type: str}
-    rounds: {description: At most five rounds., returned: always, type: list, elements: dict}
+    group: {description: The group that was asked., type: str}
+    error: {description: 'Why the rounds could not be done, or null.', type: str}
+    rounds: {description: At most five rounds., type: list, elements: dict}
     echo_ignore_broadcasts: {description: The value of C(net.ipv4.icmp_echo_ignore_broadcasts) on this computer; with 1 it does not answer
-          the others., returned: always, type: int}
+          the others., type: int}
 send_errors:
   description: How many datagrams this computer's kernel refused to send, for example because of a firewall's output
     rule.
   returned: when O(action=collect)
   type: dict
-  sample: {count: 0, last: null}
   contains:
-    count: {description: How many., returned: always, type: int}
-    last: {description: 'The destination and the error of the last one, or null.', returned: always, type: str}
+    count: {description: How many., type: int}
+    last: {description: 'The destination and the error of the last one, or null.', type: str}
 route:
   description: The interface by which a program's datagrams to the group leave, if it does not choose an interface
     itself.
   returned: always
   type: dict
-  sample: {device: eth0, source: 192.168.1.229}
   contains:
-    device: {description: 'The interface, or null when there is no route.', returned: always, type: str}
-    source: {description: 'The source address, or null when there is no route.', returned: always, type: str}
+    device: {description: 'The interface, or null when there is no route.', type: str}
+    source: {description: 'The source address, or null when there is no route.', type: str}
 interface:
   description: The interface that has O(interface_address), or null when that option is not given.
   returned: always

@@ -90,8 +90,8 @@ options:
     type: int
     default: 30
 notes:
-  - The return values have one level of fields here. All fields are in C(plugins/module_utils/_contract) of the collection, each with its
-    type, a sentence and an example.
+  - The return values have one level of fields here, each with its first sentence. All fields, sentences and examples are in
+    C(plugins/module_utils/_contract) of the collection.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -134,51 +134,40 @@ sent:
   returned: when O(action=send)
   type: list
   elements: dict
-  sample:
-    - {number: 0, outcome: no_answer, errno: 110, source_port: 40132, data: not_tried, unconfirmed: 0}
   contains:
-    number: {description: The number of the probe., returned: always, type: int}
+    number: {description: The number of the probe., type: int}
     outcome: {description: 'The outcome as one word, as RV(rosfleet.multimaster.multimaster_verify#module:members) has it,
-          for example V(refused). Datagrams that were sent have V(no_answer).', returned: always, type: str}
+          for example V(refused).', type: str}
     errno: {description: 'The number of the kernel''s error, for example V(99) (EADDRNOTAVAIL); none without an error.',
-        returned: always, type: int}
-    source_port: {description: 'The local port, or V(0).', returned: always, type: int}
-    data: {description: 'The outcome of a question in an open connection, as one word.', returned: always, type: str}
-    unconfirmed: {description: The number of packets of this question that the other kernel has not confirmed. A program that hangs
-          has confirmed them., returned: always, type: int}
+        type: int}
+    source_port: {description: 'The local port, or V(0).', type: int}
+    data: {description: 'The outcome of a question in an open connection, as one word.', type: str}
+    unconfirmed: {description: The number of packets of this question that the other kernel has not confirmed., type: int}
 seen:
   description: The packets that came in and went out here, in the order of time, 500 of each protocol at most, and
     100 of one sender among them.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {interface: eth0, outgoing: true, kind: request, protocol: tcp, source: 192.168.1.229, destination: 192.168.1.239,
-        source_port: 40132, port: 11311, number: -1, sequence: 2868410113, ttl: 64, length: 60, intact: true, source_mac: '02:42:c0:a8:01:e5',
-        target_mac: '02:42:c0:a8:01:ef', icmp_type: -1, icmp_code: -1, reporter: ''}
   contains:
-    interface: {description: The interface., returned: always, type: str}
-    outgoing: {description: 'Whether it went out, and did not come in.', returned: always, type: bool}
-    kind: {description: 'V(request), V(answer), or V(error) for an ICMP error that quotes the packet.', returned: always,
-        type: str}
-    protocol: {description: 'V(icmp), V(tcp), V(udp) or V(arp).', returned: always, type: str}
-    source: {description: The IPv4 address of the sender; of an ICMP error that of the quoted packet., returned: always, type: str}
-    destination: {description: The IPv4 address of the receiver; of an ARP message the one that is asked for., returned: always,
-        type: str}
-    source_port: {description: 'The port of the sender, or V(0).', returned: always, type: int}
-    port: {description: 'The port of the receiver, or V(0).', returned: always, type: int}
-    number: {description: The number of the probe in echo requests and datagrams; else V(-1)., returned: always, type: int}
-    sequence: {description: 'The first sequence number of a connection. Routers leave it as it is, so it is the same on every
-          computer.', returned: always, type: int}
-    ttl: {description: The time to live with which it was seen., returned: always, type: int}
-    length: {description: The bytes of the IPv4 packet., returned: always, type: int}
-    intact: {description: Whether its IPv4 header has the right checksum., returned: always, type: bool}
-    source_mac: {description: The hardware address from which it came; empty on an interface without such addresses., returned: always,
-        type: str}
-    target_mac: {description: The hardware address to which it went., returned: always, type: str}
-    icmp_type: {description: The type of an ICMP error; else V(-1)., returned: always, type: int}
-    icmp_code: {description: The code of an ICMP error; else V(-1)., returned: always, type: int}
-    reporter: {description: The address that has sent an ICMP error; else empty., returned: always, type: str}
+    interface: {description: The interface., type: str}
+    outgoing: {description: 'Whether it went out, and did not come in.', type: bool}
+    kind: {description: 'V(request), V(answer), or V(error) for an ICMP error that quotes the packet.', type: str}
+    protocol: {description: 'V(icmp), V(tcp), V(udp) or V(arp).', type: str}
+    source: {description: The IPv4 address of the sender; of an ICMP error that of the quoted packet., type: str}
+    destination: {description: The IPv4 address of the receiver; of an ARP message the one that is asked for., type: str}
+    source_port: {description: 'The port of the sender, or V(0).', type: int}
+    port: {description: 'The port of the receiver, or V(0).', type: int}
+    number: {description: The number of the probe in echo requests and datagrams; else V(-1)., type: int}
+    sequence: {description: The first sequence number of a connection., type: int}
+    ttl: {description: The time to live with which it was seen., type: int}
+    length: {description: The bytes of the IPv4 packet., type: int}
+    intact: {description: Whether its IPv4 header has the right checksum., type: bool}
+    source_mac: {description: The hardware address from which it came; empty on an interface without such addresses., type: str}
+    target_mac: {description: The hardware address to which it went., type: str}
+    icmp_type: {description: The type of an ICMP error; else V(-1)., type: int}
+    icmp_code: {description: The code of an ICMP error; else V(-1)., type: int}
+    reporter: {description: The address that has sent an ICMP error; else empty., type: str}
 missed:
   description: How many packets came beyond the 500 of a protocol, also those for which the kernel had no room.
   returned: when O(action=collect)
@@ -199,12 +188,9 @@ counters:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {counter: IpInHdrErrors, more: 3}
   contains:
-    counter: {description: 'The name of the counter, the rule, or the reason as C(drop reason NETFILTER_DROP).', returned: always,
-        type: str}
-    more: {description: By how much it has grown., returned: always, type: int}
+    counter: {description: 'The name of the counter, the rule, or the reason as C(drop reason NETFILTER_DROP).', type: str}
+    more: {description: By how much it has grown., type: int}
 fixed:
   description: The hardware addresses of neighbours that a person or a program has set.
   returned: when O(action=collect)

@@ -294,8 +294,8 @@ options:
     type: float
     default: 0.5
 notes:
-  - The return values have one level of fields here. All fields are in C(plugins/module_utils/_contract) of the collection, each with its
-    type, a sentence and an example.
+  - The return values have one level of fields here, each with its first sentence. All fields, sentences and examples are in
+    C(plugins/module_utils/_contract) of the collection.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -343,22 +343,13 @@ members:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {name: kobuki2computer, address: 192.168.1.239, addresses: [192.168.1.239], file_addresses: [192.168.1.239], resolve_error: '',
-        route: {device: eth0, source: 192.168.1.229, gateway: null, error: '', metric: '100'}, discovery_route: {device: eth0,
-          source: 192.168.1.229, gateway: null, error: '', metric: '100'}, ping_address: {ok: true, rtt_ms: 0.4, error: '',
-          outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239}, ping_name: {ok: true,
-          rtt_ms: 0.4, error: '', outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239},
-        ping_large: {ok: true, rtt_ms: 0.5, error: '', outcome: answered, errno: null, icmp_type: 0, icmp_code: 0, reporter: 192.168.1.239},
-        neighbour: '02:42:c0:a8:01:ef', neighbour_fixed: false, user_addresses: [192.168.1.239], loss: 0.0, tcp: '',
-        tcp_outcome: not_tried, silent: false}
   contains:
-    name: {description: The name of the computer., returned: always, type: str}
-    address: {description: Its planned address., returned: always, type: str}
+    name: {description: The name of the computer., type: str}
+    address: {description: Its planned address., type: str}
     addresses: {description: 'The IPv4 addresses that its name has on this computer, by the resolver that all programs use.',
-        returned: always, type: list, elements: str}
-    file_addresses: {description: The addresses that its name has in C(/etc/hosts)., returned: always, type: list, elements: str}
-    resolve_error: {description: 'Why the name has none, or empty.', returned: always, type: str}
+        type: list, elements: str}
+    file_addresses: {description: The addresses that its name has in C(/etc/hosts)., type: list, elements: str}
+    resolve_error: {description: 'Why the name has none, or empty.', type: str}
     route: {description: The route that the kernel takes to the planned address., returned: for every other computer, type: dict}
     discovery_route: {description: 'The route to RV(members[].name)''s O(members[].discovery_address), as RV(members[].route); null
           if that is its address.', returned: for every other computer, type: dict}
@@ -367,38 +358,31 @@ members:
     ping_name: {description: The same for the first address that the name has on this computer., returned: for every other computer,
         type: dict}
     ping_large: {description: 'The same for packets to the planned address that are as large as this computer''s interface allows,
-          1500 bytes at most, and that no router may split. A router that reports that they are too large for the next
-          network is as good as an answer. Null if small ones are not answered.', returned: for every other computer,
-        type: dict}
+          1500 bytes at most, and that no router may split.', returned: for every other computer, type: dict}
     neighbour: {description: The hardware address that this computer knows for the planned address; empty for a computer in another
           network., returned: for every other computer, type: str}
     neighbour_fixed: {description: 'Whether a person or a program has set that hardware address, so that the kernel does not ask for
           it.', returned: for every other computer, type: bool}
     user_addresses: {description: 'The IPv4 addresses that its name has for the user C(nobody), or null if that was not looked up.',
-        returned: always, type: list, elements: str}
+        type: list, elements: str}
     loss: {description: 'The share of 20 further small echo requests to the planned address that have no answer, from 0
-          to 1; null if none were sent. In a large fleet they are sent to some of the computers, 32 at most.', returned: for
-          every other computer, type: float}
+          to 1; null if none were sent.', returned: for every other computer, type: float}
     tcp: {description: 'If no ping is answered, the answer of TCP port 9 (discard) of the planned address, V(refused) if
-          the computer is there all the same, or why nothing came back. Empty if a ping is answered.', returned: for
-          every other computer, type: str}
+          the computer is there all the same, or why nothing came back.', returned: for every other computer, type: str}
     tcp_outcome: {description: 'RV(members[].tcp) as one word, a word of RV(masters[].outcome).', returned: for every other computer,
         type: str}
     silent: {description: 'Whether no ping was answered, and within 3.5 seconds no computer on the way reported a reason,
-          neither this computer''s kernel nor a gateway. If no computer has the next address on the way, they would.',
-        returned: for every other computer, type: bool}
+          neither this computer''s kernel nor a gateway.', returned: for every other computer, type: bool}
 default_routes:
   description: The default routes of this computer.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {device: eth0, source: null, gateway: 192.168.1.1, metric: null}
   contains:
-    device: {description: The interface., returned: always, type: str}
-    source: {description: 'The source address, or null if the route names none.', returned: always, type: str}
-    gateway: {description: 'The gateway, or null if the route names none.', returned: always, type: str}
-    metric: {description: 'The metric, or null if the route names none, which is the metric 0.', returned: always, type: str}
+    device: {description: The interface., type: str}
+    source: {description: 'The source address, or null if the route names none.', type: str}
+    gateway: {description: 'The gateway, or null if the route names none.', type: str}
+    metric: {description: 'The metric, or null if the route names none, which is the metric 0.', type: str}
 claims:
   description: The computers that answer for an address on the networks of this computer, asked by ARP without an
     address of its own, so that it changes nothing. The own addresses, for which no other computer is to answer,
@@ -407,23 +391,19 @@ claims:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {address: 192.168.1.239, interface: eth0, macs: ['02:42:c0:a8:01:ef']}
   contains:
-    address: {description: The address that was asked for., returned: always, type: str}
-    interface: {description: The interface by which was asked., returned: always, type: str}
-    macs: {description: The hardware addresses of all who answered; for the own address there should be no answer., returned: always,
-        type: list, elements: str}
+    address: {description: The address that was asked for., type: str}
+    interface: {description: The interface by which was asked., type: str}
+    macs: {description: The hardware addresses of all who answered; for the own address there should be no answer., type: list,
+        elements: str}
 policy:
   description: The rules and tables that decide about packets besides the routes of the main table.
   returned: when O(action=collect)
   type: dict
-  sample: {rules: ['100: from all to 192.168.12.0/24 lookup 77'], closed: [blackhole 192.168.12.5]}
   contains:
-    rules: {description: 'The rules without the kernel''s own, as C(ip rule) prints them, 100 at most.', returned: always,
-        type: list, elements: str}
-    closed: {description: 'The routes of all tables that lead nowhere, as C(ip route) prints them, 100 at most.', returned: always,
-        type: list, elements: str}
+    rules: {description: 'The rules without the kernel''s own, as C(ip rule) prints them, 100 at most.', type: list, elements: str}
+    closed: {description: 'The routes of all tables that lead nowhere, as C(ip route) prints them, 100 at most.', type: list,
+        elements: str}
 name_sources:
   description: The sources for the address of a name, in this order, as the line C(hosts) of C(/etc/nsswitch.conf)
     says it. Empty if it says nothing.
@@ -435,112 +415,89 @@ forwarding:
   description: The values that decide about packets from one network to another through this computer.
   returned: when O(action=collect)
   type: dict
-  sample: {ip_forward: 1, interfaces: [{interface: eth0, addresses: [192.168.1.201], forwarding: 1, rp_filter: 2, send_redirects: 1,
-          prefixes: [24], mtu: 1500, mac: '02:42:c0:a8:01:c9', state: up, carrier_changes: 2, last: '', power_save: null}],
-      icmp_echo_ignore_all: 0, macs: ['02:42:c0:a8:01:c9']}
   contains:
-    ip_forward: {description: 'C(net.ipv4.ip_forward), or null if it cannot be read.', returned: always, type: int}
-    interfaces: {description: The interfaces that have an IPv4 address., returned: always, type: list, elements: dict}
+    ip_forward: {description: 'C(net.ipv4.ip_forward), or null if it cannot be read.', type: int}
+    interfaces: {description: The interfaces that have an IPv4 address., type: list, elements: dict}
     icmp_echo_ignore_all: {description: 'C(net.ipv4.icmp_echo_ignore_all), V(1) if the kernel answers no pings, or null if it cannot be
-          read.', returned: always, type: int}
+          read.', type: int}
     macs: {description: 'The hardware addresses of all interfaces that are up, also of those without an address, such as
-          the ports of a bridge.', version_added: 1.1.0, returned: always, type: list, elements: str}
+          the ports of a bridge.', version_added: 1.1.0, type: list, elements: str}
 masters:
   description: The discovery node of every master.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {computer: kobuki2computer, address: 192.168.1.239, port: 11611, open: true, connect_ms: 0.3, error: '', outcome: open,
-        errno: null, route: {device: eth0, source: 192.168.1.229, gateway: null, error: '', metric: '100'}, roscore: open,
-        roscore_outcome: open, clock_offset_s: 0.0004, clock_uncertainty_s: 0.0007, clock_error: ''}
   contains:
-    computer: {description: The computer that runs the roscore., returned: always, type: str}
-    address: {description: Its address., returned: always, type: str}
-    port: {description: The TCP port of its discovery node., returned: always, type: int}
-    open: {description: Whether a TCP connection from this computer opens., returned: always, type: bool}
-    connect_ms: {description: 'How long that takes in milliseconds, or null.', returned: always, type: float}
-    error: {description: 'Why it does not open, or empty.', returned: always, type: str}
+    computer: {description: The computer that runs the roscore., type: str}
+    address: {description: Its address., type: str}
+    port: {description: The TCP port of its discovery node., type: int}
+    open: {description: Whether a TCP connection from this computer opens., type: bool}
+    connect_ms: {description: 'How long that takes in milliseconds, or null.', type: float}
+    error: {description: 'Why it does not open, or empty.', type: str}
     outcome: {description: 'The same as one word, V(open), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable),
-          V(unknown_name), V(failed) or V(not_tried). An error of the kernel here is V(no_local_port) (C(EADDRNOTAVAIL)),
-          V(no_file) (C(EMFILE)), V(no_file_here) (C(ENFILE)), V(no_memory) (C(ENOBUFS), C(ENOMEM)), V(not_permitted)
-          (C(EPERM), a packet filter), V(closed_route) (C(EACCES), C(EINVAL), a rule or a route that leads nowhere)
-          or V(reset) (C(ECONNRESET)).', returned: always, type: str}
-    errno: {description: 'The number of the error of the kernel here, or null.', returned: always, type: int}
-    route: {description: 'The route that the kernel takes to that address, as RV(members[].route).', returned: always, type: dict}
+          V(unknown_name), V(failed) or V(not_tried).', type: str}
+    errno: {description: 'The number of the error of the kernel here, or null.', type: int}
+    route: {description: 'The route that the kernel takes to that address, as RV(members[].route).', type: dict}
     roscore: {description: 'The answer of the TCP port of its roscore, by O(masters[].uri), V(open) or why it does not open;
-          empty if the URI is not given.', returned: always, type: str}
-    roscore_outcome: {description: 'The same as one word, as RV(masters[].outcome).', returned: always, type: str}
+          empty if the URI is not given.', type: str}
+    roscore_outcome: {description: 'The same as one word, as RV(masters[].outcome).', type: str}
     clock_offset_s: {description: 'How many seconds its clock is ahead of this computer''s by C(getCurrentTime), or null without an
-          answer.', returned: always, type: float}
+          answer.', type: float}
     clock_uncertainty_s: {description: 'By how many seconds this may be wrong, half of the round-trip time, or null without an answer.',
-        returned: always, type: float}
-    clock_error: {description: 'Why there was no answer on an open port, or empty.', returned: always, type: str}
+        type: float}
+    clock_error: {description: 'Why there was no answer on an open port, or empty.', type: str}
 roscore:
   description: The roscore of this computer's robot.
   returned: when O(action=collect)
   type: dict
-  sample: {uri: 'http://kobuki1computer:11311', answer: 'http://kobuki1computer:11311/', error: '', outcome: answered, tcp_outcome: not_tried,
-      waiting: null}
   contains:
-    uri: {description: C(ROS_MASTER_URI) in O(environment_file)., returned: always, type: str}
-    answer: {description: 'The master URI by which it knows itself, by C(getUri), or empty without an answer.', returned: always,
+    uri: {description: C(ROS_MASTER_URI) in O(environment_file)., type: str}
+    answer: {description: 'The master URI by which it knows itself, by C(getUri), or empty without an answer.', type: str}
+    error: {description: 'Why there was no answer, or empty.', type: str}
+    outcome: {description: 'The same as one word, V(answered), or as RV(masters[].outcome).', type: str}
+    tcp_outcome: {description: 'If no answer came, the outcome of a TCP connection to it, a word of RV(masters[].outcome).', version_added: 1.1.0,
         type: str}
-    error: {description: 'Why there was no answer, or empty.', returned: always, type: str}
-    outcome: {description: 'The same as one word, V(answered), or as RV(masters[].outcome).', returned: always, type: str}
-    tcp_outcome: {description: 'If no answer came, the outcome of a TCP connection to it, a word of RV(masters[].outcome). V(open)
-          if the kernel takes it.', version_added: 1.1.0, returned: always, type: str}
     waiting: {description: 'If no answer came, how many connections wait at its port to be taken, null if it is not on this
-          computer.', version_added: 1.1.0, returned: always, type: int}
+          computer.', version_added: 1.1.0, type: int}
 list_masters:
   description: The answer of C(rosservice call /master_discovery/list_masters) on this computer.
   returned: when O(action=collect)
   type: dict
-  sample: {masters: [{name: kobuki1computer, uri: 'http://kobuki1computer:11311/', online: true, monitoruri: 'http://192.168.1.229:11611'}],
-      seconds: 0.7, error: ''}
   contains:
-    masters: {description: The masters., returned: always, type: list, elements: dict}
+    masters: {description: The masters., type: list, elements: dict}
     seconds: {description: 'How long it took until all masters of O(present) were online, or until O(patience) was over.',
-        returned: always, type: float}
-    error: {description: 'Why the last call failed, or empty.', returned: always, type: str}
+        type: float}
+    error: {description: 'Why the last call failed, or empty.', type: str}
 topics:
   description: The texts of the talkers of the other computers, as heard here.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {computer: kobuki2computer, topic: /multimaster_verify/kobuki2computer, publishers: [{node: /multimaster_verify_talker_kobuki2computer_verify_1730000000,
-            uri: 'http://kobuki2computer:41233/'}], reached: '', reached_outcome: not_tried, step: '', listened: true,
-        heard: true, text: verify-1730000000 kobuki2computer, seconds: 0.3, error: ''}
   contains:
-    computer: {description: The computer of the talker., returned: always, type: str}
-    topic: {description: Its topic., returned: always, type: str}
+    computer: {description: The computer of the talker., type: str}
+    topic: {description: Its topic., type: str}
     publishers: {description: 'The publishers of the topic as the roscore of this computer''s robot knows them, as C(rostopic
-          info) shows.', returned: always, type: list, elements: dict}
+          info) shows.', type: list, elements: dict}
     reached: {description: 'If a publisher is registered and nothing was heard, V(open) if a TCP connection to its URI opens,
-          else why not; empty otherwise.', returned: always, type: str}
-    reached_outcome: {description: 'The same as one word, as RV(masters[].outcome).', returned: always, type: str}
-    step: {description: 'If nothing was heard, how far the call to a publisher has come. V(told), the roscore has announced
-          it to the listener; V(answered), it has named the port of its topic; V(connected), its data port is open.
-          Empty otherwise, and if the roscore has announced none.', returned: always, type: str}
-    listened: {description: Whether the listener of this computer ran., returned: always, type: bool}
-    heard: {description: Whether a subscriber on this computer hears the text of this run's talker., returned: always, type: bool}
-    text: {description: The text that it heard., returned: always, type: str}
-    seconds: {description: 'After how many seconds of listening, or null if it heard nothing.', returned: always, type: float}
-    error: {description: 'Why nothing was heard, or empty.', returned: always, type: str}
+          else why not; empty otherwise.', type: str}
+    reached_outcome: {description: 'The same as one word, as RV(masters[].outcome).', type: str}
+    step: {description: 'If nothing was heard, how far the call to a publisher has come.', type: str}
+    listened: {description: Whether the listener of this computer ran., type: bool}
+    heard: {description: Whether a subscriber on this computer hears the text of this run's talker., type: bool}
+    text: {description: The text that it heard., type: str}
+    seconds: {description: 'After how many seconds of listening, or null if it heard nothing.', type: float}
+    error: {description: 'Why nothing was heard, or empty.', type: str}
 outsiders:
   description: The senders of heartbeats that the discovery node of this computer ignores, since they do not belong
     to the fleet. Empty if the nodes are not the collection's own.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {address: 192.168.1.66, name: rogue, uri: 'http://rogue:11311/', why: it is no robot of the fleet}
   contains:
-    address: {description: The address from which it sends., returned: always, type: str}
-    name: {description: 'The name that it says, or empty.', returned: always, type: str}
-    uri: {description: 'The URI of its master, or empty.', returned: always, type: str}
-    why: {description: Why it is ignored., returned: always, type: str}
+    address: {description: The address from which it sends., type: str}
+    name: {description: 'The name that it says, or empty.', type: str}
+    uri: {description: 'The URI of its master, or empty.', type: str}
+    why: {description: Why it is ignored., type: str}
 sources:
   description: The topics in the states of discovery nodes. The own one is asked for all that the roscore has, another
     one for those of talkers that are to be heard here and that the own roscore has not. If O(is_master=false),
@@ -548,59 +505,45 @@ sources:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {computer: kobuki2computer, topics: [/multimaster_verify/kobuki2computer], given: [/multimaster_verify/kobuki2computer],
-        error: '', outcome: answered}
   contains:
-    computer: {description: The computer of the discovery node., returned: always, type: str}
-    topics: {description: 'The topics that it was asked for. Of the own one those of this robot''s talkers, and those that
-          it has not, 50 at most.', returned: always, type: list, elements: str}
-    given: {description: Those of them that it gives to this computer., returned: always, type: list, elements: str}
-    error: {description: 'Why it gave no answer, or empty.', returned: always, type: str}
+    computer: {description: The computer of the discovery node., type: str}
+    topics: {description: The topics that it was asked for., type: list, elements: str}
+    given: {description: Those of them that it gives to this computer., type: list, elements: str}
+    error: {description: 'Why it gave no answer, or empty.', type: str}
     outcome: {description: 'The same as one word, V(answered), V(refused), V(no_answer), V(network_unreachable), V(host_unreachable),
-          V(no_local_port), V(unknown_name) or V(failed).', returned: always, type: str}
+          V(no_local_port), V(unknown_name) or V(failed).', type: str}
 exchange:
   description: The contents of the roscore of this computer, by the robot that it is of, read at the end of the
     run. If O(is_master=false), it is empty, and RV(exchange.error) says so.
   returned: when O(action=collect)
   type: dict
-  sample: {error: '', types_error: '', topics: [{name: /odom, type: nav_msgs/Odometry, publishers: [/base], subscribers: [],
-          md5sum: cd5e73d190d741a2f92e81eda573aca7}], services: [{name: /base/reset, node: /base}], imports: [{master: 'http://kobuki2computer:11311/',
-          topics: [{name: /goal, type: geometry_msgs/Pose, publishers: [/planner], subscribers: []}], services: []}],
-      silent: [], silences: [], announced: [{node: /odom_pub, host: 127.0.0.1, port: 41233, addresses: [], services: ''}],
-      unreached: [], nodes: {registered: 3, asked: 3, hosts: [{host: kobuki1computer, nodes: 3}]}, connections: [
-        {node: /base, topic: /goal, direction: in, peer: /planner, host: kobuki2computer, robot: kobuki2}], types_outcome: answered}
   contains:
-    error: {description: 'Why it could not be read, or empty.', returned: always, type: str}
-    types_error: {description: 'Why the md5 sums are not known, or empty.', returned: always, type: str}
-    topics: {description: The topics that the robot's own nodes have registered., returned: always, type: list, elements: dict}
-    services: {description: The services of the robot's own nodes., returned: always, type: list, elements: dict}
+    error: {description: 'Why it could not be read, or empty.', type: str}
+    types_error: {description: 'Why the md5 sums are not known, or empty.', type: str}
+    topics: {description: The topics that the robot's own nodes have registered., type: list, elements: dict}
+    services: {description: The services of the robot's own nodes., type: list, elements: dict}
     imports: {description: 'The registrations for other masters, by the parameter C(/rosfleet_multimaster/imports), or by the
-          service C(get_sync_info) of another implementation of master_sync.', returned: always, type: list, elements: dict}
-    silent: {description: The robot's own nodes that are registered and do not answer at their URI., returned: always, type: list,
-        elements: str}
-    silences: {description: 'The same, with the reason of each.', returned: always, type: list, elements: dict}
+          service C(get_sync_info) of another implementation of master_sync.', type: list, elements: dict}
+    silent: {description: The robot's own nodes that are registered and do not answer at their URI., type: list, elements: str}
+    silences: {description: 'The same, with the reason of each.', type: list, elements: dict}
     announced: {description: 'The robot''s own nodes that announce another host than the planned names and addresses of their
-          robot, or whose services are on another computer, 100 at most.', version_added: 1.1.0, returned: always, type: list,
-        elements: dict}
+          robot, or whose services are on another computer, 100 at most.', version_added: 1.1.0, type: list, elements: dict}
     unreached: {description: 'The nodes of other robots that are registered here, and to whose port no TCP connection opens from
-          here; of more than 300, one of every so many is tried.', version_added: 1.1.0, returned: always, type: list,
+          here; of more than 300, one of every so many is tried.', version_added: 1.1.0, type: list, elements: dict}
+    nodes: {description: The number of the robot's own nodes., version_added: 1.1.0, type: dict}
+    connections: {description: 'The connections of the robot''s own nodes with nodes of other robots, by C(getBusInfo).', type: list,
         elements: dict}
-    nodes: {description: The number of the robot's own nodes., version_added: 1.1.0, returned: always, type: dict}
-    connections: {description: 'The connections of the robot''s own nodes with nodes of other robots, by C(getBusInfo).', returned: always,
-        type: list, elements: dict}
     types_outcome: {description: 'What became of the question for the md5 sums, V(answered), V(no_answer) where its time was over,
-          or V(failed).', returned: always, type: str}
+          or V(failed).', type: str}
 traffic:
   description: The traffic of the robot's nodes to nodes of other robots, on the computer of a roscore. Their counters
     (C(getBusStats)) were read twice.
   returned: when O(action=collect)
   type: dict
-  sample: {seconds: 3.0, flows: [{node: /camera, topic: /image, robot: kobuki2, subscribers: 1, bytes_s: 100000.0, messages_s: 10.0}]}
   contains:
-    seconds: {description: The time between the two readings., returned: always, type: float}
+    seconds: {description: The time between the two readings., type: float}
     flows: {description: 'The topics of each node that subscribers on another robot get, those with most bytes first, 200
-          at most.', returned: always, type: list, elements: dict}
+          at most.', type: list, elements: dict}
 relays:
   description: 'The relays of other robots with which the relay of this robot has a channel by O(parameters.master_relay):
     are they reached, and the ports of their data.'
@@ -608,112 +551,90 @@ relays:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {robot: kobuki2, host: 192.168.1.239, port: 11911, outcome: answered, data_port: 40811, data_outcome: open, error: '',
-        crossing: [{topic: /kobuki2/scan, nodes: [/laser], outcome: answered, message: true, there: not_tried, error: ''}]}
   contains:
-    robot: {description: The robot., returned: always, type: str}
-    host: {description: Its address., returned: always, type: str}
-    port: {description: The TCP port of its relay., returned: always, type: int}
-    outcome: {description: 'The outcome of the question for its offers, V(answered), or as RV(masters[].outcome).', returned: always,
-        type: str}
-    data_port: {description: 'The TCP port of its data, as it answers, or 0.', returned: always, type: int}
-    data_outcome: {description: 'The outcome of a TCP connection to that port, as RV(masters[].outcome).', returned: always, type: str}
-    error: {description: 'Why one of the two failed, or empty.', returned: always, type: str}
+    robot: {description: The robot., type: str}
+    host: {description: Its address., type: str}
+    port: {description: The TCP port of its relay., type: int}
+    outcome: {description: 'The outcome of the question for its offers, V(answered), or as RV(masters[].outcome).', type: str}
+    data_port: {description: 'The TCP port of its data, as it answers, or 0.', type: int}
+    data_outcome: {description: 'The outcome of a TCP connection to that port, as RV(masters[].outcome).', type: str}
+    error: {description: 'Why one of the two failed, or empty.', type: str}
     crossing: {description: 'Two of the topics that come from that robot alone, none of images or point clouds if there are
-          others.', returned: always, type: list, elements: dict}
+          others.', type: list, elements: dict}
 parameters:
   description: The parameters of the nodes on the roscore, compared with O(parameters).
   returned: when O(action=collect)
   type: dict
-  sample: {nodes: [master_discovery, master_sync], differing: [{node: master_discovery, name: mcast_port, expected: '11511',
-          found: '11512'}], crossing: [{name: /robot_description, digest: 5feceb66ffc86f38d952786c6d696c79c2dbc239dd4e91b46729d73a27fb57e9}],
-      simulated: false, error: ''}
   contains:
-    nodes: {description: The nodes whose parameters were compared., returned: always, type: list, elements: str}
-    differing: {description: The parameters with another value than planned., returned: always, type: list, elements: dict}
-    crossing: {description: The parameters of O(crossing)., version_added: 1.1.0, returned: always, type: list, elements: dict}
+    nodes: {description: The nodes whose parameters were compared., type: list, elements: str}
+    differing: {description: The parameters with another value than planned., type: list, elements: dict}
+    crossing: {description: The parameters of O(crossing)., version_added: 1.1.0, type: list, elements: dict}
     simulated: {description: 'Whether C(/use_sim_time) is true, so that nodes take their time from C(/clock).', version_added: 1.1.0,
-        returned: always, type: bool}
-    error: {description: 'Why they could not be read, or empty.', returned: always, type: str}
+        type: bool}
+    error: {description: 'Why they could not be read, or empty.', type: str}
 clock:
   description: The clock of this computer.
   returned: when O(action=collect)
   type: dict
-  sample: {synchronised: true, answers: true, service: chrony, sources: [{address: 192.168.1.201, selected: true, reachable: true,
-          offset_s: 0.0001}]}
   contains:
     synchronised: {description: 'Whether something keeps it right, such as chrony, as the kernel knows it; null if it does not report
-          that.', returned: always, type: bool}
-    answers: {description: 'Whether a time service answers, or null if none was asked.', version_added: 1.1.0, returned: always,
-        type: bool}
+          that.', type: bool}
+    answers: {description: 'Whether a time service answers, or null if none was asked.', version_added: 1.1.0, type: bool}
     service: {description: 'The time service that answers, V(chrony), V(systemd-timesyncd) or V(ntpd), or empty.', version_added: 1.1.0,
-        returned: always, type: str}
-    sources: {description: 'The sources of time that it has, at most 32. Those without an address, such as a radio clock, are
-          left out.', version_added: 1.1.0, returned: always, type: list, elements: dict}
+        type: str}
+    sources: {description: 'The sources of time that it has, at most 32.', version_added: 1.1.0, type: list, elements: dict}
 tunnel:
   description: The tunnel of the collection on this computer, as WireGuard shows it. No private key is asked for.
   version_added: 1.1.0
   returned: when O(action=collect)
   type: dict
-  sample: {up: true, public_key: gkP4R9BW/LAS3o72Pgyd9RV5/Y+44cDLYXHuIXhbnQY=, port: 51820, time_s: 1764147600.0, mtu: 1420,
-      peers: []}
   contains:
-    up: {description: 'Whether there is one, or null if it was not looked at.', returned: always, type: bool}
-    public_key: {description: 'The public half of its own key, or empty.', returned: always, type: str}
-    port: {description: 'Its UDP port, or 0.', returned: always, type: int}
-    time_s: {description: 'The time of its clock, in seconds since 1970, or null if the tunnel was not looked at.', returned: always,
-        type: float}
-    mtu: {description: 'The largest packet that it takes, in bytes, or 0.', returned: always, type: int}
-    peers: {description: The other computers that it lets in., returned: always, type: list, elements: dict}
+    up: {description: 'Whether there is one, or null if it was not looked at.', type: bool}
+    public_key: {description: 'The public half of its own key, or empty.', type: str}
+    port: {description: 'Its UDP port, or 0.', type: int}
+    time_s: {description: 'The time of its clock, in seconds since 1970, or null if the tunnel was not looked at.', type: float}
+    mtu: {description: 'The largest packet that it takes, in bytes, or 0.', type: int}
+    peers: {description: The other computers that it lets in., type: list, elements: dict}
 disks:
   description: The room that is left for others than root on the disks of services, each file system once.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {path: /var/lib, free_bytes: 5368709120, free_files: 300000}
   contains:
-    path: {description: The first of the folders on it., returned: always, type: str}
-    free_bytes: {description: Bytes., returned: always, type: int}
-    free_files: {description: 'Files, or null if the file system does not count them.', returned: always, type: int}
+    path: {description: The first of the folders on it., type: str}
+    free_bytes: {description: Bytes., type: int}
+    free_files: {description: 'Files, or null if the file system does not count them.', type: int}
 file_limits:
   description: Processes of ROS that may open more than 1048576 files, once for each unit, 20 at most.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {node: amcl, limit: 1073741816, unit: robot.service}
   contains:
-    node: {description: 'The name of the node, or of its program.', returned: always, type: str}
-    limit: {description: The files that it may open (the soft limit)., returned: always, type: int}
+    node: {description: 'The name of the node, or of its program.', type: str}
+    limit: {description: The files that it may open (the soft limit)., type: int}
     unit: {description: 'The systemd service that has started it, or empty, as for a node that was started in a shell or
-          a container.', returned: always, type: str}
+          a container.', type: str}
 full_processes:
   description: Processes that have as many files open as they may, or one fewer, 20 at most.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {name: rosbridge_websocket, pid: 4711, unit: robot.service, open_files: 1024, most_files: 1024}
   contains:
-    name: {description: 'The name of the node in its command line, or its program.', returned: always, type: str}
-    pid: {description: The number of the process., returned: always, type: int}
-    unit: {description: 'The unit of systemd in which it runs, or empty.', returned: always, type: str}
-    open_files: {description: How many files it has open., returned: always, type: int}
-    most_files: {description: How many it may have open (C(RLIMIT_NOFILE))., returned: always, type: int}
+    name: {description: 'The name of the node in its command line, or its program.', type: str}
+    pid: {description: The number of the process., type: int}
+    unit: {description: 'The unit of systemd in which it runs, or empty.', type: str}
+    open_files: {description: How many files it has open., type: int}
+    most_files: {description: How many it may have open (C(RLIMIT_NOFILE))., type: int}
 container_names:
   description: Containers with processes of ROS whose own C(/etc/hosts) lacks names of the fleet that this computer's
     has, 20 at most.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {node: rosmaster, unit: docker-0badcafe.scope, missing: [kobuki2computer]}
   contains:
-    node: {description: 'A process there, by the name of its node or of its program.', returned: always, type: str}
-    unit: {description: 'The unit of systemd that has the container, or empty.', returned: always, type: str}
-    missing: {description: The names., returned: always, type: list, elements: str}
+    node: {description: 'A process there, by the name of its node or of its program.', type: str}
+    unit: {description: 'The unit of systemd that has the container, or empty.', type: str}
+    missing: {description: The names., type: list, elements: str}
 node_hosts:
   description: Processes of ROS on this computer that announce another host than its planned name and addresses,
     use another roscore than planned, or are stopped, and those of which this cannot be read, 100 at most. A node
@@ -722,94 +643,74 @@ node_hosts:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {host: 127.0.0.1, source: ROS_IP, unit: session-4.scope, ports: [41233, 46011], node: odom_pub, master: '', starter: shell,
-        launch: '', stopped: false, readable: true, apart: false}
   contains:
-    host: {description: 'The host, or empty if it is not known.', returned: always, type: str}
+    host: {description: 'The host, or empty if it is not known.', type: str}
     source: {description: 'The variable or argument that has decided it (C(ROS_HOSTNAME), C(ROS_IP), C(__hostname), C(__ip)),
-          or C(hostname).', returned: always, type: str}
-    unit: {description: 'The unit of systemd in which the process runs, or empty.', returned: always, type: str}
-    ports: {description: The TCP ports on which the process listens., returned: always, type: list, elements: int}
-    node: {description: 'The name of the node in its command line, or its program.', returned: always, type: str}
-    master: {description: 'The URI of the roscore that it uses, if that is not the planned one; else empty.', returned: always,
-        type: str}
-    starter: {description: 'Its starter, V(shell), V(unit), V(launch) for roslaunch, or V(container).', returned: always, type: str}
-    launch: {description: 'The name of the launch file, or empty.', returned: always, type: str}
-    stopped: {description: Whether it is stopped by a signal or a debugger., returned: always, type: bool}
-    readable: {description: Whether its environment can be read; in some containers root may not., returned: always, type: bool}
+          or C(hostname).', type: str}
+    unit: {description: 'The unit of systemd in which the process runs, or empty.', type: str}
+    ports: {description: The TCP ports on which the process listens., type: list, elements: int}
+    node: {description: 'The name of the node in its command line, or its program.', type: str}
+    master: {description: 'The URI of the roscore that it uses, if that is not the planned one; else empty.', type: str}
+    starter: {description: 'Its starter, V(shell), V(unit), V(launch) for roslaunch, or V(container).', type: str}
+    launch: {description: 'The name of the launch file, or empty.', type: str}
+    stopped: {description: Whether it is stopped by a signal or a debugger., type: bool}
+    readable: {description: Whether its environment can be read; in some containers root may not., type: bool}
     apart: {description: 'Whether it is in a network of its own, as a container of a bridge is: its ports are not there on
-          the computer.', returned: always, type: bool}
+          the computer.', type: bool}
 changes:
   description: When files were changed and services were started that may decide names and packet filters. A change
     of a kernel by hand has no time.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {about: names, what: /etc/hosts, how: was changed, when: '2026-11-22 09:12:44 UTC'}
   contains:
     about: {description: 'The subject of its decision, V(names), the V(order) of name services, the rules of V(ufw), V(firewalld),
-          V(docker), V(libvirtd) or V(fail2ban), or those of a table of nftables, such as V(table inet filter).', returned: always,
-        type: str}
-    what: {description: The file or the service., returned: always, type: str}
-    how: {description: V(was changed) or V(was started)., returned: always, type: str}
-    when: {description: 'The time, of a service as systemd writes it.', returned: always, type: str}
+          V(docker), V(libvirtd) or V(fail2ban), or those of a table of nftables, such as V(table inet filter).', type: str}
+    what: {description: The file or the service., type: str}
+    how: {description: V(was changed) or V(was started)., type: str}
+    when: {description: 'The time, of a service as systemd writes it.', type: str}
 services:
   description: The services of O(services).
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {name: discovery, unit: multimaster-discovery.service, load_state: loaded, active_state: active, sub_state: running,
-        restarts: 0, stopped: false, differing: [], drop_ins: [], since: 'Sun 2026-11-22 09:12:44 UTC', refused: [],
-        refusals: [], age_s: 86400.5, open_files: 18, most_files: 1024, result: '', status: null}
   contains:
-    name: {description: The service., returned: always, type: str}
-    unit: {description: Its unit., returned: always, type: str}
-    load_state: {description: C(LoadState) of systemd., returned: always, type: str}
-    active_state: {description: C(ActiveState) of systemd., returned: always, type: str}
-    sub_state: {description: C(SubState) of systemd., returned: always, type: str}
-    restarts: {description: How often systemd had to start it again by itself., returned: always, type: int}
+    name: {description: The service., type: str}
+    unit: {description: Its unit., type: str}
+    load_state: {description: C(LoadState) of systemd., type: str}
+    active_state: {description: C(ActiveState) of systemd., type: str}
+    sub_state: {description: C(SubState) of systemd., type: str}
+    restarts: {description: How often systemd had to start it again by itself., type: int}
     differing: {description: 'The variables of O(environment_file) and of O(variables) that its running process has with another
-          value, or not at all. Null if the process cannot be looked at.', returned: always, type: list, elements: str}
-    drop_ins: {description: The drop-in files of its unit that set variables. They are looked for if some variables differ.,
-        returned: always, type: list, elements: str}
+          value, or not at all.', type: list, elements: str}
+    drop_ins: {description: The drop-in files of its unit that set variables., type: list, elements: str}
     since: {description: 'C(StateChangeTimestamp) of systemd, the time of its last change of state, empty if it never ran.',
-        returned: always, type: str}
-    stopped: {description: 'Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.', returned: always,
-        type: bool}
+        type: str}
+    stopped: {description: 'Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.', type: bool}
     refused: {description: 'The names of other robots that this service refuses, as master_sync reports them to systemd.',
-        returned: always, type: list, elements: str}
+        type: list, elements: str}
     refusals: {description: 'The same names with the reasons, 50 at most; a master_sync of an older release reports none.',
-        version_added: 1.1.0, returned: always, type: list, elements: dict}
-    age_s: {description: 'The seconds since its last start, by a clock of this computer that nobody steps, or null.', returned: always,
-        type: float}
+        version_added: 1.1.0, type: list, elements: dict}
+    age_s: {description: 'The seconds since its last start, by a clock of this computer that nobody steps, or null.', type: float}
     open_files: {description: 'How many files its process with the fewest left has open, or null if it cannot be looked at.',
-        returned: always, type: int}
-    most_files: {description: 'How many files this process may have open (C(RLIMIT_NOFILE)), or null.', returned: always, type: int}
-    result: {description: 'How it ended last, if systemd has started it again, or it has failed. C(Result) of systemd, such
-          as V(oom-kill), V(signal) or V(exit-code), or V(watchdog) if multimaster-watchdog.service has ended it. Empty
-          if nothing is known.', version_added: 1.1.0, returned: always, type: str}
+        type: int}
+    most_files: {description: 'How many files this process may have open (C(RLIMIT_NOFILE)), or null.', type: int}
+    result: {description: 'How it ended last, if systemd has started it again, or it has failed.', version_added: 1.1.0, type: str}
     status: {description: 'The exit status of its process then, or the number of the signal that ended it, or null.', version_added: 1.1.0,
-        returned: always, type: int}
+        type: int}
 next_boot:
   description: Things that work now, or not, and will not be as O(boot) and O(services) say after the next boot.
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {kind: sysctl, name: net.ipv4.ip_forward, expected: '1', found: /etc/sysctl.d/99-local.conf line 3 sets 0, file: /etc/sysctl.d/99-local.conf
-          line 3, when: '2026-11-22 09:12:44 UTC'}
   contains:
     kind: {description: 'V(unit) for a service, V(sysctl) for a kernel setting, V(route), or V(names) for C(/etc/hosts).',
-        returned: always, type: str}
-    name: {description: 'The unit, the setting, the route or the file.', returned: always, type: str}
-    expected: {description: The planned value., returned: always, type: str}
-    found: {description: The value by the files of this computer., returned: always, type: str}
-    file: {description: The file that decides; empty if none does., returned: always, type: str}
-    when: {description: 'The time of the last change of this file, or an empty text without a file.', returned: always,
         type: str}
+    name: {description: 'The unit, the setting, the route or the file.', type: str}
+    expected: {description: The planned value., type: str}
+    found: {description: The value by the files of this computer., type: str}
+    file: {description: The file that decides; empty if none does., type: str}
+    when: {description: 'The time of the last change of this file, or an empty text without a file.', type: str}
 pace:
   description: How many times longer things take on this computer than on an idle one, 1 to 6; its limits of time
     were stretched by it.
@@ -821,10 +722,9 @@ talker:
   description: The talker of this computer.
   returned: unless O(action=stop) or O(is_router=true)
   type: dict
-  sample: {running: true, error: ''}
   contains:
-    running: {description: Whether it runs., returned: always, type: bool}
-    error: {description: 'Why it does not run, or the last line that it wrote.', returned: always, type: str}
+    running: {description: Whether it runs., type: bool}
+    error: {description: 'Why it does not run, or the last line that it wrote.', type: str}
     failed: {description: Whether it should run and could not be started., returned: when O(action=start), type: bool}
     msg: {description: The same as a sentence., returned: when O(action=start) and it was not started, type: str}
 ros_missing:
@@ -843,12 +743,10 @@ streams:
   returned: when O(action=stream)
   type: list
   elements: dict
-  sample:
-    - {computer: kobuki2computer, mbit_s: 93.4, error: ''}
   contains:
-    computer: {description: The computer., returned: always, type: str}
-    mbit_s: {description: How many megabits came there in a second; null if that is not known., returned: always, type: float}
-    error: {description: 'Why it is not known, or empty.', returned: always, type: str}
+    computer: {description: The computer., type: str}
+    mbit_s: {description: How many megabits came there in a second; null if that is not known., type: float}
+    error: {description: 'Why it is not known, or empty.', type: str}
 multicast:
   description: The result of M(rosfleet.multimaster.multicast_verify) with the same action; if that fails, V(failed)
     and the sentence in C(msg).

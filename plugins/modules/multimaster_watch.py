@@ -85,8 +85,8 @@ options:
     type: int
     default: 900
 notes:
-  - The return values have one level of fields here. All fields are in C(plugins/module_utils/_contract) of the collection, each with its
-    type, a sentence and an example.
+  - The return values have one level of fields here, each with its first sentence. All fields, sentences and examples are in
+    C(plugins/module_utils/_contract) of the collection.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
@@ -133,20 +133,15 @@ events:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {kind: group, name: kobuki2computer, well: false, expected: heard, found: silent, time: 1730000261.2, after: 261.2}
   contains:
     kind: {description: 'V(group) for heartbeats on the group and V(master) for those by any way, then V(membership), V(address),
-          V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock). V(readings) for the measurements
-          of all of them but the heartbeats, if a look fails, or none has ended for 15 seconds.', returned: always,
-        type: str}
-    name: {description: 'The computer, interface, address, destination, setting, unit or file.', returned: always, type: str}
-    well: {description: Whether it has returned; false for a loss., returned: always, type: bool}
-    expected: {description: The first value., returned: always, type: str}
-    found: {description: The value since then., returned: always, type: str}
-    time: {description: 'The time on this computer''s clock, in seconds since 1970. For silence that of the last heartbeat.',
-        returned: always, type: float}
-    after: {description: 'How long after the start, in seconds.', returned: always, type: float}
+          V(link), V(route), V(setting), V(service), V(port), V(hosts) and V(clock).', type: str}
+    name: {description: 'The computer, interface, address, destination, setting, unit or file.', type: str}
+    well: {description: Whether it has returned; false for a loss., type: bool}
+    expected: {description: The first value., type: str}
+    found: {description: The value since then., type: str}
+    time: {description: 'The time on this computer''s clock, in seconds since 1970.', type: float}
+    after: {description: 'How long after the start, in seconds.', type: float}
 dropped:
   description: How many events there were beyond those of RV(events).
   returned: when O(action=collect)
@@ -157,11 +152,9 @@ lost:
   returned: when O(action=collect)
   type: list
   elements: dict
-  sample:
-    - {kind: group, name: kobuki2computer}
   contains:
-    kind: {description: 'As in RV(events[].kind).', returned: always, type: str}
-    name: {description: 'As in RV(events[].name).', returned: always, type: str}
+    kind: {description: 'As in RV(events[].kind).', type: str}
+    name: {description: 'As in RV(events[].name).', type: str}
 msg:
   description: The result, in a sentence.
   returned: always
