@@ -23,6 +23,7 @@ from ansible.release import __version__ as ansible_version
 
 from .._base.plain_text import LINE, plain, plain_lines, quote
 from . import answer
+from .answer import OldPython
 from .documentation import Answer, read_documentation
 
 MODULES = Path(__file__).resolve().parents[2] / "modules"
@@ -129,7 +130,7 @@ class RobotAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
             "rc": res.get("rc"),
         }
 
-    def _explain_old_python(self, old: answer.OldPython) -> str:
+    def _explain_old_python(self, old: OldPython) -> str:
         bound = FIRST_WITHOUT.get(old.found)
         install = f"on the controller, pip install 'ansible-core<{bound}', or " if bound else ""
         return (
