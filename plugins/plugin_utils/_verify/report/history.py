@@ -58,7 +58,7 @@ def read_data(text: str, fleet: str, computers: Collection[str]) -> dict[str, An
 
 
 def _shares(found: Any, computers: Collection[str]) -> bool:
-    return isinstance(found, list) and any(name in computers for name in found)
+    return isinstance(found, list) and any(isinstance(name, str) and name in computers for name in found)
 
 
 def count_seconds(before: Mapping[str, Any], now: float) -> int:

@@ -87,7 +87,8 @@ def test_data_without_a_fleet_is_that_of_its_computers():
     assert history.read_data(text, "fleet", ["bob", "cid"])
     for computers in (["cid"], []):
         assert history.read_data(text, "fleet", computers) == {}
-    assert history.read_data('{"computers": 3}', "fleet", ["ana"]) == {}
+    for strange in (3, [["ana"]], [{"name": "ana"}], [None]):  # the folder of verify_report may have files of others
+        assert history.read_data(json.dumps({"computers": strange}), "fleet", {"ana": 1}) == {}
 
 
 def test_computers_that_a_run_left_out_are_not_gone():
