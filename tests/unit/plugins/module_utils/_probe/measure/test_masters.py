@@ -10,7 +10,7 @@ import time
 import xmlrpc.server
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.deadlines import poll
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.deadlines import WORKERS, poll
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measure import masters
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client.header import (
     decode_fields,
@@ -250,6 +250,33 @@ def test_topics_are_heard_through_both_relays(monkeypatch, here, there, expected
     assert all(one["md5sum"] == "*" and "rosfleet_relay" not in one for one in asked_here)
     assert all(one["rosfleet_relay"] == "kobuki1" and one["rosfleet_publisher"] for one in asked_there)
     assert bool(asked_there) == (expected[0] != "answered")
+
+
+def test_topics_whose_turn_did_not_come_are_left_out(monkeypatch):
+    """Mute relays may use up the time of all: the relays behind them have done nothing wrong."""
+    end = threading.Event()
+
+    def hear(_relay, _robot, row, topic, offer):
+        if row["robot"] < WORKERS:
+            end.wait(5)
+        return masters._make_crossing(topic, offer)
+
+    monkeypatch.setattr(masters, "RELAYS", 0.3)
+    monkeypatch.setattr(masters, "_hear", hear)
+    peers = range(WORKERS + 4)
+    channels = [{"peer": peer, **NOTHING} for peer in peers]
+    roscore = OwnRoscore("http://127.0.0.1:1/", *(f"/{peer}/scan" for peer in peers))
+
+    def look(*order):
+        rows = [{"robot": peer, "data_outcome": "open", "crossing": ()} for peer in order]
+        offers = [[(f"/{peer}/scan", "a/B", ("/laser",))] for peer in order]
+        masters._hear_crossing(roscore, "own", channels, list(zip(rows, offers, strict=True)))
+        return {row["robot"]: [one["outcome"] for one in row["crossing"]] for row in rows}
+
+    first, last = look(*peers), look(*reversed(peers))
+    end.set()
+    assert not any(first.values())
+    assert last == {peer: [] if peer < WORKERS else ["answered"] for peer in peers}
 
 
 def test_a_topic_that_two_robots_give_is_not_heard():
