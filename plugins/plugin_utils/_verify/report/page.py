@@ -57,7 +57,9 @@ def make_page(template: str, fleet: FleetPlan, document: Mapping[str, Any], matr
         findings=findings,
         left_out=len(document["findings"]) - len(findings),
         unexplained=_rows(document["unexplained"]),
-        hanging=plain_data([entry._asdict() for entry in list_robots(fleet, findings)], LINE),
+        hanging=plain_data(
+            [entry._asdict() for entry in list_robots(fleet, document["findings"], document["computers"])], LINE
+        ),
         hung=HUNG,
         picture=Markup(picture),  # noqa: S704  # its texts are escaped there
         arrows=Markup(draw_arrows(list(fleet.master_of), unseen, read)),  # noqa: S704  # so are these

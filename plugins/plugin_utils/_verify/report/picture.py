@@ -10,7 +10,7 @@ robot is a bar below its gateway. A finding has a mark at its place: a sign, a n
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 from xml.sax.saxutils import escape, quoteattr
@@ -92,8 +92,13 @@ def mark_places(findings: Iterable[_Finding]) -> dict[str, list[tuple[int, _Find
     return marks
 
 
-def list_robots(fleet: FleetPlan, findings: Iterable[_Finding]) -> Iterator[RobotMark]:
-    """Yield each robot with the findings at its computers, at its network or at itself: those with findings first."""
+def list_robots(
+    fleet: FleetPlan, findings: Iterable[_Finding], seen: Collection[str] | None = None
+) -> Iterator[RobotMark]:
+    """Yield each robot with the findings at its computers, at its network or at itself: those with findings first.
+
+    A robot without a computer in `seen` was not looked at, as with --limit. None: all were.
+    """
     marks, computers = mark_places(findings), defaultdict(list)
     for plan in fleet.computers.values():
         computers[plan.robot].append(plan.computer)
@@ -102,7 +107,8 @@ def list_robots(fleet: FleetPlan, findings: Iterable[_Finding]) -> Iterator[Robo
     for robot in fleet.master_of:
         places = [robot, *computers[robot], *networks.get(robot, ())]
         found = {number: entry["verdict"] for place in places for number, entry in marks.get(place, ())}
-        verdict = next((kind for kind in (FAILED, WARNING, UNKNOWN) if kind in found.values()), OK)
+        well = OK if seen is None or not set(computers[robot]).isdisjoint(seen) else UNKNOWN
+        verdict = next((kind for kind in (FAILED, WARNING, UNKNOWN) if kind in found.values()), well)
         robots.append(RobotMark(robot, verdict, tuple(sorted(found))))
     yield from sorted(robots, key=lambda entry: not entry.numbers)
 

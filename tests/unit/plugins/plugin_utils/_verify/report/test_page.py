@@ -19,7 +19,11 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report import content
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.matrices import KINDS, MOST, Matrices
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.page import list_flows, make_page
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.page import (
+    FINDINGS,
+    list_flows,
+    make_page,
+)
 from reports import TEMPLATE, make_report
 
 
@@ -183,3 +187,20 @@ def test_remarks_of_the_comparison_are_on_the_page():
     html = make_report(fleets.plan(), remarks=["kobuki1computer: <its> ROS lacks rospy."]).html
     assert "kobuki1computer: &lt;its&gt; ROS lacks rospy." in html
     assert 'id="remarks"' not in make_report(fleets.plan()).html
+
+
+def test_a_robot_that_was_not_looked_at_or_is_left_out_of_the_findings_is_not_well():
+    """With --limit, and with more findings than the page has."""
+    fleet = fleets.fig12()
+    report = make_report(fleet, fleets.wall)
+    many = [{**report.document["findings"][0], "place": "dabo-nav", "rivals": []}] * FINDINGS
+    last = {**many[0], "place": "the network of tibi"}
+    seen = [name for name, plan in fleet.computers.items() if plan.robot != "car"]
+    document = {**report.document, "findings": [*many, last], "computers": seen}
+    html = make_page(TEMPLATE, fleet, document, report.matrices)
+    robots = html.partition('<ol class="robots"')[2].partition("</ol>")[0]
+    assert re.findall('<li class="([a-z]+)"><a href="#([a-z0-9-]+)">. ([a-z]+)</a></li>', robots) == [
+        ("failed", "wrong", "tibi"),
+        ("failed", "finding-1", "dabo"),
+        ("unknown", "left-out", "car"),
+    ]
