@@ -1,7 +1,7 @@
 #!/bin/sh
 # rosfleet.multimaster: the way to the networks of the robots, for the gateway of dabo (192.168.10.1, 192.168.1.202).
 # OpenWrt 21.02 and later (uci). Paste it into a shell of the device.
-# To take it back: openwrt.remove.sh. Using it again replaces what it put there.
+# To take it back: openwrt.remove.sh. Using it again replaces its former lines.
 #
 #   tibi: 192.168.11.0/24 by 192.168.1.201
 #   car: 192.168.12.0/23 by 192.168.1.203

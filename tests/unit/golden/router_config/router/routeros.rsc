@@ -1,6 +1,6 @@
 # rosfleet.multimaster: the way to the networks of the robots, for the router of the common network 192.168.1.0/24 (192.168.1.1).
 # MikroTik RouterOS 7. Paste it into a terminal of the device, or copy it there and /import it.
-# To take it back: routeros.remove.rsc. Using it again replaces what it put there.
+# To take it back: routeros.remove.rsc. Using it again replaces its former lines.
 #
 #   tibi: 192.168.11.0/24 by 192.168.1.201
 #   dabo: 192.168.10.0/24 by 192.168.1.202
