@@ -358,7 +358,7 @@ LIMITS = {
     "offline": (None, "multimaster_offline_after is 5 s, .* cannot ask a silent robot; expected to wait 10 s here"),
     "exports": (
         None,
-        "which serves /tibi/pose, /tibi/scan\\* to every robot alike, and hides what goes to nobody only",
+        "which serves /tibi/pose, /tibi/scan\\* to every robot alike, and hides topics for nobody only",
     ),
     "computers": (
         None,
