@@ -335,7 +335,7 @@ OWN_PATHS = {
     ),
     **dict.fromkeys(
         """
-        tests/bench/network/programs/simulated.py tests/systems/test_metrics.py tests/systems/test_sandbox.py
+        tests/bench/network/programs/simulated.py tests/machines/test_alone.py tests/systems/test_metrics.py tests/systems/test_sandbox.py
         """.split(),
         "runs on a robot of the lab, with the nodes as they are installed there",
     ),
