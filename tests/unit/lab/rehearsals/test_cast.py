@@ -73,7 +73,7 @@ def test_each_fault_is_made_or_refused_in_one_sentence(layout):
 
 def test_literals_of_the_catalogue_are_known():
     """An address in a new fault that no row knows would be injected as it stands there."""
-    known = re.compile(r"239\.1\.2\.3|127\.0\.[01]\.1|172\.17\.0\.1|0\.0\.0\.0")
+    known = re.compile(r"239\.1\.2\.3|127\.0\.[01]\.1|172\.17\.0\.1|0\.0\.0\.0|192\.0\.2\.1")
     for path in catalogue.FOLDER.glob("*.yml"):
         text = known.sub("", LITERAL.sub("", path.read_text()))
         if "- lab:" not in text:
