@@ -12,6 +12,8 @@ from .fault import ALWAYS, READ, Fault, Key, controller, hand, on, site
 OPEN_FILES = "may open millions of files, for which each node of C++ takes gigabytes, and those of Python 2 minutes"
 ROUTES = on("ip rule; ip route")
 ADDRESSES = on("ip -br address; ip -s link")
+#: Prints the processes with most open files.
+MOST_FILES = "for p in /proc/[0-9]*; do echo $(ls $p/fd 2>/dev/null | wc -l) $(cat $p/comm) ${{p#/proc/}}; done | sort -rn | head -5"
 
 COMPUTER: Mapping[Key, Fault] = {
     ("computer", "off"): Fault(
@@ -81,16 +83,14 @@ COMPUTER: Mapping[Key, Fault] = {
     ),
     ("computer", "limit"): Fault(
         "RF-107",
-        "a program on {place} can open no further file or connection: {what}",
+        "{place} cannot open a connection: {what}",
         do=(
             hand(
-                "on {place}, start that program again, or first raise its limit: LimitNOFILE= in its unit, ulimit -n in its shell"
+                "on {place}, end the program that holds most files or sockets (the look names it), or raise its LimitNOFILE and start it again"
             ),
         ),
         look=(
-            on(
-                "for p in /proc/[0-9]*; do echo $(ls $p/fd 2>/dev/null | wc -l) $(cat $p/comm) ${{p#/proc/}}; done | sort -rn | head -5"
-            ),
+            on(MOST_FILES),
             on("sysctl fs.file-nr net.ipv4.tcp_mem; ss -s; free -m"),
         ),
         what="it has reached a limit",
@@ -251,5 +251,18 @@ COMPUTER: Mapping[Key, Fault] = {
         do=(site("keeps cloud-init from writing it"),),
         look=(on("grep -rn manage_etc_hosts /etc/cloud"),),
         why="the configuration of cloud-init was read",
+    ),
+    ("program", "full"): Fault(
+        "RF-125",
+        "a program on {place} can open no further file or connection: {what}",
+        do=(
+            hand(
+                "on {place}, start that program again, or first raise its limit: LimitNOFILE= in its unit, ulimit -n in its shell"
+            ),
+        ),
+        look=(on(MOST_FILES),),
+        what="it has all of its files open",
+        read=ALWAYS,
+        why="its open files and its limit show it",
     ),
 }

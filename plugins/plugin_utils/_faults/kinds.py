@@ -13,6 +13,7 @@ from .table import HOOKS
 KINDS: Mapping[str, str] = {
     "computer": "Nothing of this computer works as planned, or nothing is known of it. Other computers are judged all the same.",
     "limit": "A node of roscpp prepares a table with an entry for each file that it may open. With a limit of millions it begins late, or not at all.",
+    "program": "A program that has all of its files open takes no connection, and opens none: whoever calls it waits.",
     "container": "A container gets its /etc/hosts when it starts. Nodes in it cannot connect to robots whose names came later.",
     "ros": "Nodes that run go on. No node starts any more, also after the next boot.",
     "set_up": "The checks of values that site.yml sets say little there. The checks of the fleet's traffic count all the same.",

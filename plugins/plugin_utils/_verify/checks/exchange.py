@@ -19,6 +19,7 @@ from ..context.stages import Stage
 from ..observe.observations import Exchange, SilentNode, UnreachedNode
 from ..observe.outcomes import Outcome
 from .engine import FAILED, OK, ROSCORES, UNKNOWN, WARNING, Check, Judgement, judge_fault
+from .programs import find_full
 from .relay import find_broken_relay
 
 NAMED = 4  # registrations, names or connections that a finding names
@@ -112,6 +113,8 @@ def _find_silent_components(context: CheckContext, exchange: Exchange) -> Compon
 def _blame_silence(context: CheckContext, kind: str, computer: str, what: str = "") -> Components:
     """A node that takes connections and does not answer hangs; on a busy computer it may wait for a processor, if no process is stopped there."""
     there = context.run.get(computer)
+    if there is not None and what and (full := find_full(there.probe, what, computer)):
+        return full
     if there is not None and there.probe.pace >= BUSY and not any(one.stopped for one in there.probe.node_hosts):
         return make_components("computer", computer, "overloaded")
     return make_components(kind, computer, "hung", what=what)

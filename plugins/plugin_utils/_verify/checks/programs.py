@@ -151,14 +151,24 @@ def describe_full(entry: FullProcess) -> str:
     return f"{entry.name} (PID {entry.pid}) has {entry.open_files} of {entry.most_files} files open"
 
 
+def find_full(probe: Probe, node: str, computer: str) -> Components:
+    """Find the process of a node among those that have all of their files open, by its name or that of its program; no other one counts."""
+    own = node.rpartition("/")[2]
+    # An anonymous node has numbers after its name.
+    full = (
+        one for one in probe.full_processes if re.fullmatch(re.escape(one.name.removesuffix(".py")) + r"(_\d+)*", own)
+    )
+    return join_components(make_components("program", computer, "full", what=describe_full(one)) for one in full)
+
+
 @Check(
     title="programs may open further files",
-    needs=lambda context: make_components("computer", context.observer.name, "limit"),
+    needs=lambda context: make_components("program", context.observer.name, "full"),
     when=lambda context: context.observer.is_probed,
 )
 def _judge_open_files(context: CheckContext) -> Judgement:
     full = [describe_full(entry) for entry in context.probe.full_processes if not OURS.match(entry.unit)]
-    components = join_components(make_components("computer", context.observer.name, "limit", what=one) for one in full)
+    components = join_components(make_components("program", context.observer.name, "full", what=one) for one in full)
     return judge_fault(WARNING, "files left to open, for new connections", "; ".join(full), "enough", components)
 
 

@@ -113,7 +113,6 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
         for mode in DROPPED
         for way in ("in", "out")
     },
-    ("node", "hung"): (LIMIT,),  # a node that has all of its files open takes no connection
     ("sync", "untold"): (*STANDSTILL, ("sync", "dead")),
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),

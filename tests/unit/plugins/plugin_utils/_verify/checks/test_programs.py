@@ -53,7 +53,7 @@ FAULTS = [
     (_disk(10**9, 0), "room", FAILED, "computer", TWO, "disk"),
     (_limit("robot.service"), "file_limits", WARNING, "limit", ONE, "unit"),
     (_limit(""), "file_limits", WARNING, "limit", ONE, "shell"),
-    (_full(), "open_files", WARNING, "computer", ONE, "limit"),
+    (_full(), "open_files", WARNING, "program", ONE, "full"),
     (_old_container, "container_names", WARNING, "container", ONE, "names"),
 ]
 
@@ -78,15 +78,39 @@ def test_the_finding_names_the_process_that_has_all_of_its_files_open():
     assert not notable(evaluate(_full("multimaster-roscore.service")))  # the check of services says that
 
 
-def test_a_node_that_hangs_since_its_files_are_open_is_no_finding_of_its_own():
+def _full_and_silent(node):
     def seen_so(seen):
         _full()(seen)
-        silence = SilentNode("/rosbridge", ONE, "timed out", Outcome.NO_ANSWER, Outcome.OPEN)
-        update(seen[ONE].probe.exchange, silent=("/rosbridge",), silences=(silence,))
+        silence = SilentNode(node, ONE, "timed out", Outcome.NO_ANSWER, Outcome.OPEN)
+        update(seen[ONE].probe.exchange, silent=(node,), silences=(silence,))
 
-    (full,) = diagnosed(seen_so).findings
-    assert (full.component.kind, full.component.mode) == ("computer", "limit")
+    return diagnosed(seen_so).findings
+
+
+@pytest.mark.parametrize("node", ["/rosbridge", "/kobuki1/rosbridge", "/rosbridge_4711_1700000000000"])
+def test_a_node_that_hangs_since_its_files_are_open_is_no_finding_of_its_own(node):
+    (full,) = _full_and_silent(node)
+    assert (full.component.kind, full.component.mode) == ("program", "full")
     assert {row.check for row in (*full.rows, *full.proof)} == {"open_files", "nodes_answer"}
+
+
+def test_what_another_program_has_open_explains_nothing_else():
+    """A dead sync node and a hung node were told as consequences of a web server without a free file."""
+    assert {entry.component[:3] for entry in _full_and_silent("/amcl")} == {
+        ("program", ONE, "full"),
+        ("node", ONE, "hung"),
+    }
+
+    def seen_so(seen):
+        _full("nginx.service")(seen)
+        services = seen[ONE].probe.services
+        (sync,) = [one for one in services if one.unit == "multimaster-sync.service"]
+        update(sync, active_state="inactive", sub_state="dead")
+
+    assert {entry.component[:3] for entry in diagnosed(seen_so).findings} == {
+        ("program", ONE, "full"),
+        ("sync", ONE, "dead"),
+    }
 
 
 def test_a_strange_node_is_told_and_costs_nobody_the_report():
