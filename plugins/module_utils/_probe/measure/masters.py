@@ -16,6 +16,7 @@ from ..._machine import network as machine
 from ..._machine.outcomes import classify_error, connect
 from ..multicast.helper import LATEST
 from ..ros_client import tcpros
+from ..ros_client.documents import NODE
 from ..ros_client.hosts import place_of, port_of
 from ..ros_client.ros import CALLER, Ros
 from ..ros_client.xml_rpc import server
@@ -23,6 +24,7 @@ from . import network
 
 RELAYS = 20.0  # seconds for all relays
 MOST_RELAYS, MOST_HOSTS = 64, 4  # relays that are asked, and addresses of one
+MOST_NODES = 50  # of an offer, as a relay has it
 RELAY = "/master_relay"
 HEARD = 2  # topics of one robot that are heard through both relays
 LARGE = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")  # types that are heard last
@@ -92,7 +94,7 @@ def _ask_relay(robot: str, peer: str, hosts: typing.Sequence[str], port: int) ->
     for host in hosts:
         found.update(host=plain(host))
         try:
-            answered = server(f"http://{host}:{port}/").rosfleetOffers(robot, "", 0.0)
+            answered = server(f"http://{host}:{port}/", NODE).rosfleetOffers(robot, "", 0.0)
             said, offers = answered[1], answered[2:]
         except OSError as problem:
             found.update(outcome=classify_error(problem)[0].value, error=plain(problem.strerror or str(problem)))
@@ -118,7 +120,7 @@ def _read_offers(offers: typing.Any = ()) -> typing.Iterator[Offer]:
     """Read the topics in the offers of another relay; what has another form is left out."""
     for entry in offers if isinstance(offers, list) else ():
         if isinstance(entry, list) and len(entry) == 4 and entry[0] == "topic" and isinstance(entry[3], list):
-            yield str(entry[1]), str(entry[2]), tuple(str(node) for node in entry[3])
+            yield str(entry[1]), str(entry[2]), tuple(map(str, entry[3][:MOST_NODES]))
 
 
 def _hear_crossing(

@@ -252,6 +252,23 @@ def test_topics_are_heard_through_both_relays(monkeypatch, here, there, expected
     assert bool(asked_there) == (expected[0] != "answered")
 
 
+def test_the_most_offers_that_a_relay_has_are_read():
+    """More than 64 KB: a relay with 220 topics was told as one that does not answer."""
+    nodes = [[f"/kobuki2/laboratory/node_{number}_{one}" for one in range(2)] for number in range(1000)]
+    offers = [["topic", f"/kobuki2/laboratory/topic_{number}", "a/B", of] for number, of in enumerate(nodes)]
+    offers[0][3] = ["/node"] * 5000
+    with data_port(SPEAKS, []) as data:
+        with xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+            server.register_function(lambda *_words: ["1", data, offers], "rosfleetOffers")
+            thread = threading.Thread(target=server.serve_forever)
+            thread.start()
+            row, found = masters._ask_relay("kobuki1", "kobuki2", ["127.0.0.1"], server.server_address[1])
+            server.shutdown()
+            thread.join()
+    assert (row["outcome"], row["data_outcome"], len(found)) == ("answered", "open", len(offers))
+    assert [len(of) for _topic, _type, of in found] == [masters.MOST_NODES] + [2] * (len(offers) - 1)
+
+
 def test_topics_whose_turn_did_not_come_are_left_out(monkeypatch):
     """Mute relays may use up the time of all: the relays behind them have done nothing wrong."""
     end = threading.Event()
