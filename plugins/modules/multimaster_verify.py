@@ -712,8 +712,8 @@ next_boot:
     file: {description: The file that decides; empty if none does., type: str}
     when: {description: 'The time of the last change of this file, or an empty text without a file.', type: str}
 pace:
-  description: How many times longer things take on this computer than on an idle one, 1 to 6; its limits of time
-    were stretched by it.
+  description: How many times longer things take on this computer than if it were idle, 1 to 6; its limits of time
+    were stretched by it at least.
   version_added: 1.1.0
   returned: when O(action=collect)
   type: float

@@ -24,16 +24,18 @@ _measured = [1.0]  # the pace
 
 
 def measure_pace(waits: str = "/proc/self/schedstat") -> float:
-    """Measure the pace, keep it for this process, and return it: 1 to SLOWEST.
+    """Measure the pace, keep it for this process, and return how busy the machine is: 1 to SLOWEST.
 
-    It is the time that the processor takes for some work, and how long this process has waited for a processor since its start.
+    The pace is the time that the processor takes for some work, and how long this process has waited for a processor since
+    its start. Only the second makes a machine busy: that of a small robot is slow, and idle.
     """
     began = time.process_time()
     for _number in range(ROUNDS):
         pass
     slow = max(1.0, (time.process_time() - began) / USUAL)
-    _measured[0] = round(min(SLOWEST, slow * _read_waits(waits)), 1)
-    return _measured[0]
+    busy = min(SLOWEST, _read_waits(waits))
+    _measured[0] = round(min(SLOWEST, slow * busy), 1)
+    return round(busy, 1)
 
 
 def _read_waits(path: str) -> float:

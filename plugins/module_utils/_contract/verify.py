@@ -132,7 +132,7 @@ class Probe(Struct, returned="when O(action=collect)"):
         "Things that work now, or not, and will not be as O(boot) and O(services) say after the next boot."
     )
     pace: float = field(
-        "How many times longer things take on this computer than on an idle one, 1 to 6; its limits of time were stretched by it.",
+        "How many times longer things take on this computer than if it were idle, 1 to 6; its limits of time were stretched by it at least.",
         1.0,
         default=1.0,
         added="1.1.0",

@@ -216,10 +216,10 @@ PartResult = typing.Tuple[Part, typing.Any, str]  # a part, its value, and why t
 
 def look(params: Params, check_mode: bool) -> Result:
     """Look at all due parts at the same time. A part that fails gives a sentence in `problems`."""
-    speed = measure_pace()  # before the threads below, which would wait for each other
+    busy = measure_pace()  # before the threads below, which would wait for each other
     start = time.monotonic()
     result: Result = {part.name: part.default for part in PARTS}
-    result.update(problems=[], pace=speed)
+    result.update(problems=[], pace=busy)
     ros = Ros(params["environment_file"], params["environment"])
     given = dict(params, params=params, ros=ros, deadline=start + params["patience"])
 

@@ -67,7 +67,7 @@ def _judge_node_roscores(context: CheckContext) -> Judgement:
 
 # Registered nodes
 
-BUSY = 3.0  # times that everything takes longer on a computer, from which on a node may wait for a processor
+BUSY = 3.0  # times that everything takes longer on a computer than if it were idle, from which on a node may wait for a processor
 OWN_NODES = {
     "/master_discovery": "discovery",
     "/master_sync": "sync",

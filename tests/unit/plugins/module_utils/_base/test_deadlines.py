@@ -57,10 +57,12 @@ def test_who_waits_for_a_processor_has_another_pace(tmp_path, told, least, most)
     assert least <= deadlines.measure_pace(str(tmp_path / "schedstat")) <= most
 
 
-def test_a_slow_processor_has_another_pace(monkeypatch):
-    times = iter([0.0, 3 * deadlines.USUAL])
-    monkeypatch.setattr(deadlines.time, "process_time", lambda: next(times))
-    assert deadlines.measure_pace("/nothing") == 3.0
+def test_a_slow_processor_has_another_pace_and_is_not_busy(monkeypatch, tmp_path):
+    (tmp_path / "schedstat").write_text("100 50 1")
+    for path, pace, busy in (("/nothing", 3.0, 1.0), (str(tmp_path / "schedstat"), 4.5, 1.5)):
+        times = iter([0.0, 3 * deadlines.USUAL])
+        monkeypatch.setattr(deadlines.time, "process_time", lambda times=times: next(times))
+        assert deadlines.measure_pace(path) == busy and deadlines.stretch(2.0) == pytest.approx(2.0 * pace)
 
 
 def test_a_limit_is_stretched_within_bounds(monkeypatch):
