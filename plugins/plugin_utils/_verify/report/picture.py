@@ -29,7 +29,8 @@ COLUMNS = 2  # computers of a robot side by side
 BOX, GAP, BAR, EDGE = 46, 14, 10, 12  # heights and distances
 AISLE = 18  # width of the aisles at both sides of a robot: wires go there, and texts begin between them
 HEAD = 68  # the title of a robot, and the robots that it discovers
-LETTER = 7.3  # width of a letter
+LETTER, SMALL = 7.3, 6.0  # width of a letter, and of one of a small text
+LINE = 14  # height of a line of a label
 LONGEST, SHORTEST = 26, 14  # letters of a name that are shown
 MARKS = 4  # marks that are drawn at one place
 
@@ -73,13 +74,18 @@ class RobotMark(NamedTuple):
 
 
 def draw_fleet(
-    fleet: FleetPlan, findings: Iterable[_Finding] = (), unseen: Mapping[str, Sequence[str]] | None = None
+    fleet: FleetPlan,
+    findings: Iterable[_Finding] = (),
+    unseen: Mapping[str, Sequence[str]] | None = None,
+    width: int = WIDTH,
+    columns: int = COLUMNS,
 ) -> str:
     """Draw the fleet, with a mark at the place of each finding, and of each other component that may be the cause.
 
-    `unseen` has the robots that a robot is to discover and does not.
+    `unseen` has the robots that a robot is to discover and does not. `width` is in pixels,
+    and `columns` the computers of a robot side by side.
     """
-    return _Picture(fleet, findings, unseen or {}).svg()
+    return _Picture(fleet, findings, unseen or {}, width, columns).svg()
 
 
 def mark_places(findings: Iterable[_Finding]) -> dict[str, list[tuple[int, _Finding]]]:
@@ -143,16 +149,24 @@ def write_svg(width: int, height: int, role: str, title: str, style: str, elemen
 class _Picture:
     """The elements of a picture, and how far it reaches."""
 
-    def __init__(self, fleet: FleetPlan, findings: Iterable[_Finding], unseen: Mapping[str, Sequence[str]]) -> None:
+    def __init__(
+        self,
+        fleet: FleetPlan,
+        findings: Iterable[_Finding],
+        unseen: Mapping[str, Sequence[str]],
+        width: int,
+        columns: int,
+    ) -> None:
         self.fleet = fleet
+        self.columns = columns
         self.robots = list(fleet.master_of)
         self.unseen = unseen
         self.marks = mark_places(findings)
         names = [plan.computer for plan in fleet.computers.values() if plan.robot in fleet.master_of]
         names += [str(network.gateway) for network in fleet.networks if network.device]
         self.box = round(LETTER * min(max(SHORTEST, *map(len, names)), LONGEST)) + 2 * GAP
-        self.frame = COLUMNS * self.box + (COLUMNS + 1) * GAP
-        self.each = max(1, min(len(self.robots), (WIDTH - EDGE) // (self.frame + GAP)))
+        self.frame = columns * self.box + (columns + 1) * GAP
+        self.each = max(1, min(len(self.robots), (width - EDGE) // (self.frame + GAP)))
         self.width = self.each * (self.frame + GAP) + 2 * EDGE
         self.frames: list[str] = []
         self.wires: list[str] = []
@@ -161,16 +175,23 @@ class _Picture:
     def svg(self) -> str:
         """Draw all: frames are behind wires, and wires behind boxes."""
         y = self._router(EDGE)
-        rows, top = _split_rows(self.robots, self.each), y + BAR // 2
+        rows = _split_rows(self.robots, self.each)
+        left = EDGE + (GAP if len(rows) > 1 else 0)  # a wire is at the left of several rows
+        bars = []
         for number, robots in enumerate(rows):
-            last = y
-            self._bar(EDGE, y, self.width - 2 * EDGE, self._common(number), COMMON if number == 0 else "")
+            label = self._common(number)
+            y += LINE * (len(_split_label(label, self.width - 2 * EDGE)) - 1)
+            bars.append(y)
+            self._bar(EDGE, y, self.width - 2 * EDGE, label, COMMON if number == 0 else "")
             heights = [
-                self._draw(robot, EDGE + column * (self.frame + GAP), y + BAR) for column, robot in enumerate(robots)
+                self._draw(robot, left + column * (self.frame + GAP), y + BAR) for column, robot in enumerate(robots)
             ]
             y += BAR + max(heights, default=0) + 3 * GAP
         if len(rows) > 1:  # the bars are one network
-            self._wire(EDGE + 1, top, last)
+            self._wire(EDGE + 1, bars[0] + BAR // 2, bars[-1] + BAR // 2)
+        if self.fleet.router is not None:
+            x = EDGE + GAP + AISLE // 2
+            self._wire(x, EDGE + BOX, bars[0])
         title = f"The fleet: {len(self.robots)} robots, {len(self.fleet.computers)} computers"
         return write_svg(self.width, y, "group", title, STYLE, [*self.frames, *self.wires, *self.elements])
 
@@ -190,7 +211,6 @@ class _Picture:
             device = _device(self.fleet.computers[router.name])
         else:
             device = _Device(str(router.address), ("router, no computer",), "the router, a device", planned=False)
-        self._wire(EDGE + GAP + AISLE // 2, y + BOX, y + BOX + 3 * GAP)
         self._box(device, EDGE + GAP, y)
         return y + self._height(device) + 2 * GAP
 
@@ -231,7 +251,7 @@ class _Picture:
 
     def _hang(self, devices: Sequence[_Device], x: int, y: int, above: int) -> int:
         """Draw boxes in columns below a bar, with wires in the outer aisles; return the y of the next thing."""
-        for row in _split_rows(devices, COLUMNS):
+        for row in _split_rows(devices, self.columns):
             for column, device in enumerate(row):
                 left = x + GAP + column * (self.box + GAP)
                 self._wire(left + (self.box - AISLE // 2 if column else AISLE // 2), above, y)
@@ -260,7 +280,8 @@ class _Picture:
         self.elements.append(
             f'<rect class="bar{_class(marks)}" x="{x}" y="{y}" width="{width}" height="{BAR}" rx="3"/>'
         )
-        self._text(x + GAP + AISLE, y - 5, text, "small")
+        for number, line in enumerate(reversed(_split_label(text, width))):
+            self._text(x + GAP + AISLE, y - 5 - LINE * number, line, "small")
         self._marks(x + width, y - 8, marks)
 
     def _marks(self, right: int, y: int, marks: Sequence[tuple[int, _Finding]]) -> None:
@@ -287,6 +308,15 @@ def _class(marks: Sequence[tuple[int, _Finding]]) -> str:
     """Return the class for the worst of the marks of an element."""
     verdicts = {entry["verdict"] for _number, entry in marks}
     return next((f" is-{verdict}" for verdict in (FAILED, WARNING, UNKNOWN) if verdict in verdicts), "")
+
+
+def _split_label(text: str, width: int) -> list[str]:
+    """Split the label of a bar of this width into its parts, if it is too long for one line."""
+    lines = [text]
+    for mark in ("; ", ", "):
+        if max(map(len, lines)) * SMALL > width - GAP - AISLE:
+            lines = [part for line in lines for part in line.split(mark)]
+    return lines
 
 
 def _split_rows(entries: Sequence[_T], size: int) -> list[Sequence[_T]]:

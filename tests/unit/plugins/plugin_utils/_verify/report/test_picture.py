@@ -74,6 +74,18 @@ def test_every_computer_has_a_box_of_its_own_in_the_picture(fleet):
         assert x + wide <= left or left + broad <= x or y + high <= top or top + tall <= y
 
 
+@pytest.mark.parametrize(("columns", "most"), [(1, 240), (2, 400)])
+def test_a_narrow_picture_has_its_robots_below_each_other(columns, most):
+    root = ElementTree.fromstring(draw_fleet(shipped("multi_computer"), width=most, columns=columns))
+    frames = [float(rect.get("y")) for rect in root.iter(SVG + "rect") if rect.get("class") == "robot"]
+    assert float(root.get("width")) <= most and len(boxes(root)) == 13 and len(set(frames)) == len(frames) == 3
+    labels = [text.text for text in root.iter(SVG + "text")]
+    assert sum("the same network" in label for label in labels) == 2
+    ends = [float(line.get("y2")) for line in root.iter(SVG + "line")]
+    bars = [float(rect.get("y")) for rect in root.iter(SVG + "rect") if rect.get("class") == "bar"]
+    assert min(bars) in ends, "the router is not at the common network"
+
+
 def finding(place, verdict, sentence):
     return {"place": place, "verdict": verdict, "sentence": sentence, "rivals": []}
 
