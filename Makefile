@@ -3,7 +3,7 @@
 #
 # 'make' lists what there is. Every target does its own set-up.
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down quick check lint sanity unit molecule systems bench bench-site test test-long test-machines test-faults test-interop test-matrix checkout docs findings format house references readme lock copies build
+.PHONY: help setup setup-lab setup-vm lab lab-vm lab-tests demo rehearse lab-down quick check lint sanity unit molecule systems bench bench-site test test-long test-machines test-faults test-interop test-matrix checkout docs findings format house references readme pictures lock copies build
 .NOTPARALLEL:
 
 export LC_ALL := C.UTF-8
@@ -117,6 +117,9 @@ references: setup ## write the tables of the references (variables, options, che
 
 readme: setup ## write the tables of what was measured into their pages
 	@PYTHONPATH=.work/collections $(PYTHON) tools/readme.py
+
+pictures: setup ## write the pictures of the pages (docs/images/*.svg) out of the code and the shipped inventories
+	@PYTHONPATH=.work/collections $(PYTHON) -m tools.pictures
 
 lock: ## write requirements-lab.txt and -dev.txt, with the hashes of all packages, out of the files .in (UPGRADE=yes: newer versions)
 	@bash tools/lock.sh $(UPGRADE)

@@ -329,7 +329,7 @@ OWN_PATHS = {
         lab/rehearsals/cast.py tests/bench/network/relay.py tests/bench/network/draw.py tests/bench/network/network.py
         tests/bench/network/roaming.py tests/bench/network/tunnel.py tests/bench/roscore/stores.py tests/bench/site/growth.py
         tests/bench/site/hosts.py tests/bench/site/site.py tests/faults/judge_again.py tests/faults/run.py tests/matrix/controllers.py
-        tools/docsite/build.py tools/readme.py tools/references.py
+        tools/docsite/build.py tools/pictures/__main__.py tools/readme.py tools/references.py
         """.split(),
         "a program that is run by its path, without pytest",
     ),

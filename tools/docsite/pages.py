@@ -21,7 +21,7 @@ REFERENCE = "reference"  # the folder for the output of antsibull-docs
 #: The pages outside of docs, in the order of the site.
 OUTSIDE = ("CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "MAINTAINERS.md", "SECURITY.md", "CHANGELOG.rst")
 
-_SHOWN = re.compile(r"docs/(?:[\w-]+/)*[\w-]+\.(?:md|png|json)")
+_SHOWN = re.compile(r"docs/(?:[\w-]+/)*[\w-]+\.(?:md|png|svg|json)")
 _CODE = re.compile(r"(^ *```.*?^ *```$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
 _LINK = re.compile(r"(\]\()([^()\s]+)(\))|(^\[[^\]]+\]: )(\S+)", re.MULTILINE)
 _SHELF = re.compile(r"^## (.+)$", re.MULTILINE)
