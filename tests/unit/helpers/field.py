@@ -22,9 +22,17 @@ def tries(share=1.0):
     return settings(max_examples=max(3, int(EXAMPLES * share)), deadline=None, suppress_health_check=checks)
 
 
+#: The files that people have in another form than this repository may: by the stem of their names.
+FORMS = {
+    "crlf": lambda content: content.replace(b"\n", b"\r\n"),
+    "latin_1": lambda content: content.decode().encode("latin-1"),
+}
+
+
 def read(kind):
-    """Read the files of a kind: name -> bytes."""
-    return {path.name: path.read_bytes() for path in sorted((FOLDER / kind).iterdir())}
+    """Read the files of a kind as people have them: name -> bytes."""
+    files = sorted((FOLDER / kind).iterdir())
+    return {path.name: FORMS.get(path.stem, bytes)(path.read_bytes()) for path in files}
 
 
 def pieces(kind):
