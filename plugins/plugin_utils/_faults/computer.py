@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import ALWAYS, READ, Fault, Key, controller, hand, on, site
+from .fault import ALWAYS, READ, Fault, Key, controller, hand, keep_settings, on, site
 
 OPEN_FILES = "may open millions of files, for which each node of C++ takes gigabytes, and those of Python 2 minutes"
 ROUTES = on("ip rule; ip route")
@@ -173,9 +173,10 @@ COMPUTER: Mapping[Key, Fault] = {
     ),
     ("set_up", "others"): Fault(
         "RF-115",
-        "the nodes on {place} were started by hand, or by something else; they are judged as they are",
+        "on {place} nodes of the plan were started by hand, or by something else: {what}; they are judged as they are",
         do=(hand("do nothing if it is meant; else stop them on {place}"), site("starts its own")),
         look=(on("ps -eo pid,user,args | grep -E 'roscore|rosmaster|master_(discovery|sync)'"),),
+        what="see ps",
         why="nodes run that no unit of ours has started",
     ),
     ("set_up", "refused"): Fault(
@@ -196,7 +197,7 @@ COMPUTER: Mapping[Key, Fault] = {
     ("setting", "icmp_all"): Fault(
         "RF-118",
         "{place} answers no pings, by a setting of its kernel",
-        do=(on("sysctl -w net.ipv4.icmp_echo_ignore_all=0"),),
+        do=(keep_settings("pings", {"net.ipv4.icmp_echo_ignore_all": 0}),),
         look=(on("grep -rn icmp_echo_ignore_all /etc/sysctl.conf /etc/sysctl.d /run/sysctl.d /usr/lib/sysctl.d"),),
         read=ALWAYS,
         why="the value was read",
@@ -204,7 +205,7 @@ COMPUTER: Mapping[Key, Fault] = {
     ("setting", "ttl"): Fault(
         "RF-119",
         "packets of {place} begin with a time to live that is too small for the way",
-        do=(on("sysctl -w net.ipv4.ip_default_ttl=64"),),
+        do=(keep_settings("ttl", {"net.ipv4.ip_default_ttl": 64}),),
         look=(
             on(
                 "sysctl net.ipv4.ip_default_ttl; grep -rn ip_default_ttl /etc/sysctl.conf /etc/sysctl.d; nft list ruleset | grep -i ttl"

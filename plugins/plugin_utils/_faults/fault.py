@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from .._base import advice
@@ -16,13 +17,23 @@ READ, ALWAYS = "if it was looked at", "always"
 CONTROLLER, INVENTORY = "the controller", "the inventory"  # places of an advice that is no computer
 HANDS = ""  # no command does it
 UNKNOWN_INVENTORY = "INVENTORY"  # in a command if the run does not know it
+#: word in an advice -> its text if nobody has read its value, as on the pages
+UNREAD: Mapping[str, str] = {
+    "address": "<address of {place}>",
+    "device": "<interface>",
+    "neighbour": "another computer of its network",
+    "there": "a computer there",
+    "other": "<address of another computer there>",
+    "beyond": "<an address there>",
+    "group": "<multicast group>",
+}
 PAGES = "https://github.com/rosfleet/multimaster/blob/main/docs/findings"
 
 
 class Advice(NamedTuple):
     """A step for a person, to do or to look at: a command for a place, a change of the inventory, or words.
 
-    Texts of a row have {place}, {what}, {inventory} and {limit}.
+    Texts of a row have {place}, {what}, {inventory}, {limit} and the words of UNREAD.
     """
 
     where: str  # a computer, CONTROLLER, INVENTORY or HANDS
@@ -60,6 +71,13 @@ def on(command: str, effect: str = "") -> Advice:
 def controller(command: str, effect: str = "") -> Advice:
     """Advise a command on the controller."""
     return Advice(CONTROLLER, command, effect)
+
+
+def keep_settings(title: str, values: Mapping[str, int]) -> Advice:
+    """Advise values of the kernel, now and at each boot: of the files of /etc/sysctl.d the last one counts."""
+    file = f"/etc/sysctl.d/99-user-{title}.conf"
+    lines = " ".join(f"{name}={value}" for name, value in values.items())
+    return on(f"printf '%s\\n' {lines} >{file}; sysctl -p {file}", "now and at each boot")
 
 
 def change(text: str, effect: str = "") -> Advice:
@@ -112,10 +130,22 @@ class Fault(NamedTuple):
         """The address of its page."""
         return f"{PAGES}/{self.id[3]}xx.md#{self.id.lower()}"
 
-    def fill(self, advices: Advices, places: tuple[str, ...], what: str, inventory: str = "") -> Advices:
-        """Fill the names of a component into an advice. A network is no host, so nothing is limited to it."""
+    def fill(
+        self,
+        advices: Advices,
+        places: tuple[str, ...],
+        what: str,
+        inventory: str = "",
+        known: Mapping[str, str] = MappingProxyType({}),
+    ) -> Advices:
+        """Fill the names of a component into an advice. A network is no host, so nothing is limited to it.
+
+        `known` are values of the plan or of a computer, by the words of UNREAD.
+        """
         limit = "" if any(" " in place for place in places) else f" --limit {','.join(places)}"
-        words = {"place": " and ".join(places), "inventory": inventory or UNKNOWN_INVENTORY, "limit": limit}
+        place = " and ".join(places)
+        words = {name: known.get(name) or text.format(place=place) for name, text in UNREAD.items()}
+        words |= {"place": place, "inventory": inventory or UNKNOWN_INVENTORY, "limit": limit}
         return tuple(
             (one if what else one._replace(text=one.text.replace("{what}", self.example))).fill(what, **words)
             for one in advices

@@ -11,7 +11,7 @@ from .computer import ADDRESSES
 from .fault import ALWAYS, READ, Advice, Advices, Fault, Key, change, controller, hand, on, site, site_of_all
 
 CLOUD = "writes /etc/hosts, and keeps cloud-init from writing the line again at boot"
-THERE = "a computer there"  # any computer of a network
+THERE = "{there}"  # any computer of a network
 SIGNAL = on("ip -s link; iw dev")
 SIGNAL_DO = hand("plug the cable in anew, or bring {place} nearer to the access point")
 
@@ -122,7 +122,7 @@ INTERFACES: Mapping[Key, Fault] = {
         "RF-215",
         "another computer has the address of {place}, too",
         do=(hand("find the other computer by the hardware address that the look shows, and give it another address"),),
-        look=(Advice("another computer of its network", "arping -D -I eth0 <address of {place}>"),),
+        look=(Advice("{neighbour}", "arping -b -c 3 -I {device} {address}", "each line has a hardware address"),),
         cost=4.5,
         why="addresses are planned, and DHCP gives each once",
     ),
@@ -152,8 +152,7 @@ INTERFACES: Mapping[Key, Fault] = {
                 "or set multimaster_common_address or multimaster_address of {place} to an address of the right interface"
             ),
         ),
-        look=(on("ip route get {what}; ip maddress"),),
-        what="<group>",
+        look=(on("ip route get {group}; ip maddress"),),
         why="it needs two interfaces",
     ),
     ("neighbour", "mute"): Fault(
@@ -230,10 +229,13 @@ LINKS: Mapping[Key, Fault] = {
         "RF-233",
         "{place} saves power on its wireless interface on {what}, which loses and delays packets",
         do=(
-            on("iw dev wlan0 set power_save off", "with the interface that iw dev names"),
-            hand("for the next boot: wifi.powersave = 2 in NetworkManager's configuration"),
+            on("iw dev {device} set power_save off", "until the next boot"),
+            on(
+                r"printf '[connection]\nwifi.powersave = 2\n' >/etc/NetworkManager/conf.d/99-power-save.conf",
+                "for the next boot, with NetworkManager",
+            ),
         ),
-        look=(on("iw dev; iw dev wlan0 get power_save"),),
+        look=(on("iw dev; iw dev {device} get power_save"),),
         what="its network",
         cost=3.2,
         why="it is a default of many wireless drivers, and most do no harm",
@@ -284,7 +286,7 @@ LINKS: Mapping[Key, Fault] = {
         "RF-251",
         "{place} carries nothing between its computers, as an access point that keeps its clients apart",
         do=(hand("switch client isolation off on the access point of {place}, or switch the switch on"),),
-        look=(Advice(THERE, "ping -c 3 <address of another computer there>"),),
+        look=(Advice(THERE, "ping -c 3 {other}"),),
         cost=2.0,
         why="guest networks keep their clients apart",
     ),
@@ -292,7 +294,7 @@ LINKS: Mapping[Key, Fault] = {
         "RF-252",
         "{place} loses packets",
         do=(hand("bring the robots nearer to the access point of {place}, or change its channel"),),
-        look=(Advice(THERE, "iw dev; ping -c 100 -i 0.2 <address of another computer there>"),),
+        look=(Advice(THERE, "iw dev; ping -c 100 -i 0.2 {other}"),),
         cost=4.0,
         why="one link is more often the reason",
         hard=False,
@@ -300,7 +302,11 @@ LINKS: Mapping[Key, Fault] = {
     ("network", "slow"): Fault(
         "RF-253",
         "{place} is slow",
-        do=(hand("bring the robots nearer to the access point of {place}, or send less: docs/operate/data_flow.md"),),
+        do=(
+            hand("bring the robots nearer to the access point of {place}"),
+            change("or leave large topics, such as images, out by multimaster_exports or multimaster_filters"),
+            site_of_all(),
+        ),
         look=(controller("ansible-playbook -i {inventory} rosfleet.multimaster.verify -e verify_throughput=true"),),
         cost=1.2,
         why="links are slow every day",
@@ -323,7 +329,7 @@ LINKS: Mapping[Key, Fault] = {
         "RF-255",
         "{place} loses large packets",
         do=(hand("give all interfaces on {place} and its switch one MTU, such as 1500"),),
-        look=(Advice(THERE, "ping -M do -s 1472 -c 3 <address of another computer there>"),),
+        look=(Advice(THERE, "ping -M do -s 1472 -c 3 {other}"),),
         cost=4.0,
         why="few people change an MTU",
     ),

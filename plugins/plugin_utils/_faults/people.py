@@ -174,7 +174,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ("registration", "mute"): Fault(
         "RF-527",
         "a node on {place} takes connections and says nothing: {what}; it hangs, or a signal or a debugger has stopped it",
-        do=(HUNG_DO,),
+        do=(on("systemctl kill --signal=CONT multimaster-verify-talker", "lets the talker go on, if it is stopped"),),
         look=(HUNG_LOOK,),
         what="a node",
         read=ALWAYS,

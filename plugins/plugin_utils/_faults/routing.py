@@ -58,7 +58,8 @@ ROUTING: Mapping[Key, Fault] = {
         "{place} has two default routes",
         do=(
             hand(
-                "delete the one that does not lead to the other networks, on {place}: ip route del default via <gateway>"
+                "end the default route that does not lead to the other robots, in the network manager of {place} (ipv4.never-default yes "
+                "in NetworkManager, use-routes: false in netplan)"
             ),
             change(
                 "set multimaster_routes: networks for this robot", "only the robots' networks go by the gateway then"
@@ -75,7 +76,7 @@ ROUTING: Mapping[Key, Fault] = {
         "RF-266",
         "{place} sends packets for {what} back to where they came from",
         do=(site("sets its routes"),),
-        look=(on("ip route; traceroute -n <an address there>"),),
+        look=(on("ip route; traceroute -n {beyond}"),),
         what="the others",
         read=READ,
         why="a router reports it",
@@ -102,7 +103,7 @@ ROUTING: Mapping[Key, Fault] = {
         ),
         look=(
             on("ip -br link; nft list ruleset"),
-            Advice("a computer behind it", "ping -M do -s 1472 -c 3 <an address in another network>"),
+            Advice("a computer behind it", "ping -M do -s 1472 -c 3 {beyond}"),
         ),
         cost=3.5,
         why="few people change an MTU",

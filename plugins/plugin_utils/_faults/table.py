@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from .._base.features import load_hooks
 from .computer import COMPUTER
-from .fault import ComponentHooks, Fault, Key, hand, on
+from .fault import ComponentHooks, Fault, Key, change, on, site_of_all
 from .filters import FILTERS, GATEWAYS
 from .foreseen import LOSSES, PREDICTIONS, SUMMARIES
 from .network import INTERFACES, LINKS, NAMES
@@ -22,8 +22,9 @@ CLOCKS: Mapping[Key, Fault] = {
         "RF-601",
         "the clock of {place} is {what}",
         do=(
-            on("chronyc makestep", "with multimaster_clock, or chrony of your own"),
-            hand("give all computers one source: docs/operate/clock.md"),
+            on("chronyc makestep", "if chrony keeps its clock"),
+            change("set multimaster_clock to the name of a computer", "the clocks of all others follow its clock then"),
+            site_of_all(),
         ),
         look=(on("chronyc tracking; chronyc -n sources; date --utc +%T.%N"),),
         what="wrong",

@@ -6,5 +6,6 @@ __all__ = (
     "discovery_nodes",
     "engine",
     "hooks",
+    "programs",
     "table",
 )

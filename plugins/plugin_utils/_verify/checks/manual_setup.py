@@ -29,7 +29,8 @@ def _judge_as_planned(context: CheckContext) -> Judgement | None:
     if found is None:
         return None
     other = [text.removeprefix(f"{context.observer.name}: ") for text in (*found.runs, *found.noted)]
-    components = make_components("set_up", context.observer.name, "others" if found.runs else "refused")
+    running = shorten_list(text.removeprefix(f"{context.observer.name}: ").rstrip(".") for text in found.runs)
+    components = make_components("set_up", context.observer.name, "others" if found.runs else "refused", what=running)
     return judge_fault(WARNING, "nothing that site.yml would refuse", " ".join(other), "nothing", components)
 
 

@@ -10,6 +10,7 @@ of a link or a route, the name that is looked up, the port of a packet filter.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from ..._faults.fault import Advices, Fault
@@ -53,13 +54,13 @@ class Component(NamedTuple):
         """Return the sentence of the fault."""
         return self.fault.sentence.format(place=self.place_text, what=self.what or self.fault.what)
 
-    def do(self, inventory: str = "") -> Advices:
-        """Return the commands for a fault that was seen."""
-        return self.fault.fill(self.fault.do, self.places, self.what, inventory)
+    def do(self, inventory: str = "", known: Mapping[str, str] = MappingProxyType({})) -> Advices:
+        """Return the commands for a fault that was seen. `known` has values for their words."""
+        return self.fault.fill(self.fault.do, self.places, self.what, inventory, known)
 
-    def look(self, inventory: str = "") -> Advices:
-        """Return the commands to look with. They change nothing."""
-        return self.fault.fill(self.fault.look, self.places, self.what, inventory)
+    def look(self, inventory: str = "", known: Mapping[str, str] = MappingProxyType({})) -> Advices:
+        """Return the commands to look with. They change nothing. `known` has values for their words."""
+        return self.fault.fill(self.fault.look, self.places, self.what, inventory, known)
 
 
 #: The reports of a router about others, which may be false: packets are followed all the same.

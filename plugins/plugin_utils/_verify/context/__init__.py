@@ -4,6 +4,7 @@
 
 __all__ = (
     "actual_world",
+    "advised_values",
     "announcements",
     "check_context",
     "errors",

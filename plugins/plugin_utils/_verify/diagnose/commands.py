@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from ipaddress import IPv4Network
 
 from ..._base import advice
-from ..._faults.fault import Advice, Advices
+from ..._faults.fault import HANDS, Advice, Advices
 from ..._faults.filters import DROPPED, RULED, Dropped
 from ..._network.model import MASQUERADE
+from ..checks.programs import describe_full
 from ..components.component import Component
 from ..context.check_context import FleetState, Participant
 from .node_remedies import list_remedies
@@ -169,8 +170,18 @@ def _accept_before(component: Component, origin: str, networks: Iterable[IPv4Net
         return ""
     end = "daddr" if direction == "out" and "daddr" not in match else "saddr"
     among = f"ip {end} {{{{ {', '.join(map(str, networks))} }}}}"
-    words = ("nft insert rule {}", among, match.format(what=port), "accept")
-    return advice.command(" ".join(filter(None, words)), ("chain", origin))
+    rules = (
+        advice.command(
+            " ".join(filter(None, ("nft insert rule {}", among, one.format(what=port), "accept"))), ("chain", origin)
+        )
+        for one in _list_ways_of_port(match, direction)
+    )
+    return "; ".join(filter(None, rules))
+
+
+def _list_ways_of_port(match: str, direction: str) -> tuple[str, ...]:
+    """List the matches of the packets to a port, and of their answers if a filter drops both directions: these come from that port."""
+    return tuple(dict.fromkeys((match, match if direction else match.replace("dport", "sport"))))
 
 
 def _accept_first(component: Component, networks: Iterable[IPv4Network]) -> Commands:
@@ -180,14 +191,16 @@ def _accept_first(component: Component, networks: Iterable[IPv4Network]) -> Comm
         return
     for chain, end in CHAINS.get(direction, (*CHAINS["in"], *CHAINS["out"])):
         of_fleet = "-s" if "-d " in option else end
-        words = (
-            f"iptables -I {chain} {of_fleet} {','.join(map(str, networks))}",
-            option.format(what=port),
-            "-j ACCEPT",
-        )
-        yield " ".join(filter(None, words))
+        for one in _list_ways_of_port(option, direction):
+            words = (
+                f"iptables -I {chain} {of_fleet} {','.join(map(str, networks))}",
+                one.format(what=port),
+                "-j ACCEPT",
+            )
+            yield " ".join(filter(None, words))
 
 
+HANGS = "lets a stopped process go on; if it hangs, kill -9 in the place of kill -CONT ends it: then start it again"
 CONNTRACK = "conntrack -D --src-nat"
 PACKAGE = "conntrack is of the package of that name; it ends connections from before, which are still translated"
 
@@ -210,6 +223,24 @@ def _stop_translating(computer: Participant, _components: Sequence[Component], s
         yield from [*inserted, CONNTRACK]
 
 
+def _continue_nodes(_computer: Participant, components: Sequence[Component], state: FleetState) -> Commands:
+    """Let a stopped node go on; the port that it announces tells its process."""
+    ports = {row.node: row.port for other in state.run.values() for row in other.probe.exchange.silences if row.port}
+    for component in components:
+        port = ("number", ports.get(component.what, ""))
+        yield advice.command("kill -CONT $(ss -ltnpH 'sport = :{}' | grep -o 'pid=[0-9]*' | cut -d= -f2)", port)
+
+
+def _step_clock(computer: Participant, _components: Sequence[Component], _state: FleetState) -> Commands:
+    """The time service that answers sets the clock at once."""
+    yield STEPS.get(computer.probe.clock.service, "")
+
+
+STEPS: Mapping[str, str] = {
+    "chrony": "chronyc makestep",
+    "systemd-timesyncd": "systemctl restart systemd-timesyncd",
+}
+
 # (kind, mode) -> the commands, from the values that were read.
 COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], FleetState], Commands]] = {
     ("link", "down"): _switch_on,
@@ -223,19 +254,92 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], F
     ("environment", "service"): _drop_ins,
     ("limit", "unit"): _limit_files,
     ("translation", "on"): _stop_translating,
+    ("node", "hung"): _continue_nodes,
+    ("clock", "off"): _step_clock,
     **dict.fromkeys(RULED, _accept_packets),
+}
+
+
+def _name_second_holder(computer: Participant, _components: Sequence[Component], state: FleetState) -> Iterator[Advice]:
+    """Name the computer that has the address, too, or the hardware address by which it is found."""
+    address = str(computer.plan.address)
+    known = {mac: name for name, other in state.run.items() for mac in other.hardware_addresses}
+    heard = [
+        mac.lower()
+        for other in state.run.values()
+        for mac in (
+            *(one for claim in other.probe.claims if claim.address == address for one in claim.macs),
+            *(member.neighbour for member in other.probe.members if member.address == address),
+        )
+    ]
+    strange = dict.fromkeys(mac for mac in heard if mac and known.get(mac) != computer.name)
+    for mac in strange if computer.hardware_addresses else ():
+        holder = known.get(mac)
+        if holder and not any(address in entry.addresses for entry in state.run[holder].interfaces):
+            yield Advice(HANDS, f"end proxy_arp on {holder}: it answers for {address}, and does not have that address")
+        elif MAC.fullmatch(mac):
+            named = holder or f"the computer with the hardware address {mac}"
+            yield Advice(HANDS, f"give {named} another address than {address}, in its network manager or in DHCP")
+
+
+def _raise_limits(computer: Participant, components: Sequence[Component], _state: FleetState) -> Iterator[Advice]:
+    """A service that has all of its files open gets more of them; of another process, say how it is started again."""
+    full = {component.what for component in components}
+    for entry in computer.probe.full_processes:
+        if describe_full(entry) not in full:
+            continue
+        folder, unit = "/etc/systemd/system/{}.d", ("unit", entry.unit)
+        made = advice.command(
+            f"mkdir -p {folder}; printf '[Service]\\nLimitNOFILE={MORE_FILES}\\n' > {folder}/more-files.conf; "
+            "systemctl daemon-reload; systemctl restart {}",
+            *(unit, unit, unit),
+        )
+        if made:
+            yield Advice(computer.name, made, "if it gets full again, the program never closes its files")
+        else:
+            words = f"end the process {entry.pid} on {computer.name}, and start the program again in a shell after: ulimit -n {MORE_FILES}"
+            yield Advice(HANDS, words)
+
+
+def _stop_others(computer: Participant, components: Sequence[Component], _state: FleetState) -> Iterator[Advice]:
+    """A unit that runs a node of the plan is stopped, for now and the next boot."""
+    units = dict.fromkeys(unit for component in components for unit in OTHER_UNIT.findall(component.what))
+    for unit in units:
+        if made := advice.command("systemctl disable --now {}", ("unit", unit)):
+            yield Advice(
+                computer.name, made, "or do nothing if it is meant; site.yml starts the nodes of the plan instead"
+            )
+
+
+MAC = re.compile(r"[0-9a-f]{2}(?::[0-9a-f]{2}){5}")
+MORE_FILES = 65536
+#: a unit as preflight names it; not one of a login, in which people work, or of all containers
+OTHER_UNIT = re.compile(
+    r"""user [^,()]+, "?((?!user@|ssh|cron|docker|containerd|gdm|lightdm)[A-Za-z0-9_.@:-]+\.service)"?\)"""
+)
+# (kind, mode) -> advices of which some are words
+STEPWISE: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], FleetState], Iterator[Advice]]] = {
+    ("interface", "duplicate"): _name_second_holder,
+    ("computer", "limit"): _raise_limits,
+    ("set_up", "others"): _stop_others,
 }
 
 
 def make_commands(components: Sequence[Component], computer: Participant | None, state: FleetState) -> Advices:
     """Return the commands to paste for components that are one finding; nothing if no value that was read says it."""
     fault = components[0].kind, components[0].mode
-    if components[0].kind == "node":
+    if components[0].kind == "node" and fault not in COMMANDS:
         return list_remedies(components, computer, state)
+    if computer is not None and (list_advices := STEPWISE.get(fault)):
+        return tuple(list_advices(computer, components, state))
     found = COMMANDS.get(fault)
     if found is None or computer is None:
         return ()
     words = "; ".join(filter(None, dict.fromkeys(found(computer, components, state))))
-    effects = (UNTIL if words.startswith(("nft ", "iptables ")) else "", PACKAGE if CONNTRACK in words else "")
+    effects = (
+        UNTIL if words.startswith(("nft ", "iptables ")) else "",
+        PACKAGE if CONNTRACK in words else "",
+        HANGS if words.startswith("kill -CONT ") else "",
+    )
     effect = "; ".join(filter(None, effects))
     return (Advice(components[0].place, words, effect),) if words else ()

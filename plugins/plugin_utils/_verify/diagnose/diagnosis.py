@@ -15,6 +15,7 @@ from dataclasses import replace
 from ..._plan.model import FleetPlan
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Row, Verification
 from ..components.component import HEARSAY, Component
+from ..context.advised_values import name_values
 from ..context.check_context import LATELY
 from .because import make_because
 from .commands import make_commands
@@ -94,6 +95,7 @@ def _add_details(scene: Scene, entry: Finding, is_explained: bool) -> Finding:
         because=make_because(scene, entry) if is_explained else None,
         since=describe_onset(entry.component, computer, scene.verification.state),
         commands=make_commands((told.component, *entry.also), computer, scene.verification.state),
+        known={one: name_values(one, scene.verification.state) for one in told.candidates},
         inventory=scene.verification.inventory,
     )
 

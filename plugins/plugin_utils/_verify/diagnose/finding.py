@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..._base.sentences import shorten_list
@@ -36,6 +37,8 @@ class Finding:
     because: Because | None = None
     since: str = ""  # empty if it is not known
     commands: Advices = ()  # against it, if values that were read give some
+    #: values for the words of its advice, and of those of its rivals
+    known: Mapping[Component, Mapping[str, str]] = field(default_factory=dict, compare=False)
     inventory: InventorySource = field(default=UNKNOWN_INVENTORY, compare=False)
 
     @property
@@ -66,7 +69,8 @@ class Finding:
         """Return the remedy: values that were read give the commands, and the row gives those that last. Nothing if it is only inferred."""
         if self.sure == INFERRED:
             return ()
-        own = tuple(map(self._add_line, self.component.do(self.inventory.path)))
+        known = self.known.get(self.component, {})
+        own = tuple(map(self._add_line, self.component.do(self.inventory.path, known)))
         if not self.commands:
             return own
         if (
@@ -88,7 +92,14 @@ class Finding:
         ways = (one for end in self.followed[:1] for one in end.look) if self.component.kind == "way" else ()
         return tuple(
             dict.fromkeys(
-                (*ways, *(one for component in self.candidates for one in component.look(self.inventory.path)))
+                (
+                    *ways,
+                    *(
+                        one
+                        for component in self.candidates
+                        for one in component.look(self.inventory.path, self.known.get(component, {}))
+                    ),
+                )
             )
         )
 

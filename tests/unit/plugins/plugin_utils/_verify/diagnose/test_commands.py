@@ -6,7 +6,7 @@
 from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import INVENTORY, write_advices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import HANDS, INVENTORY, write_advices
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.facts import read_rules
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
@@ -15,20 +15,26 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.compo
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import (
     COMMANDS,
     CONNTRACK,
+    STEPWISE,
     make_commands,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     BootDeviation,
+    Claim,
     DefaultRoute,
     FilterChain,
     FilterChains,
     FilterRule,
+    FullProcess,
     ServiceState,
+    SilentNode,
 )
 from fleets import diagnosed, fig12, observed, update
+from mentioned import mentions
 
 NAME = "car-nav"
 NETWORK = "the network of car"
+MAC = "02:00:00:00:be:ef"
 OWN, PLANNED, DHCP = "192.168.12.100", DefaultRoute("eth0", gateway="192.168.12.101"), "192.168.12.1"
 
 
@@ -137,6 +143,14 @@ NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24, 192.168.12.0/24 }"
         ("rpc in", "", "inet own input", f"nft insert rule inet own input ip saddr {NETS} tcp dport 11611 accept"),
         ("nodes out", "", "ip own out", f"nft insert rule ip own out ip daddr {NETS} tcp dport 1024-65535 accept"),
         ("all in", "", "inet own input", f"nft insert rule inet own input ip saddr {NETS} accept"),
+        # the answers of a roscore come from its port
+        (
+            "roscore",
+            "11311",
+            "inet own out",
+            f"nft insert rule inet own out ip saddr {NETS} tcp dport 11311 accept; "
+            f"nft insert rule inet own out ip saddr {NETS} tcp sport 11311 accept",
+        ),
         # what goes to the group has the fleet at its source alone
         ("group out", "", "ip own out", f"nft insert rule ip own out ip saddr {NETS} ip daddr 224.0.0.0/4 accept"),
         ("group out", "", "ip filter ufw-user-output", "ufw allow out to 224.0.0.0/4"),
@@ -178,6 +192,15 @@ def test_a_policy_that_drops_has_its_chain():
         ("group out", "", "iptables -I OUTPUT -s {} -d 224.0.0.0/4 -j ACCEPT"),
         ("forward", "", "iptables -I FORWARD -s {} -j ACCEPT"),
         ("icmp", "", "iptables -I INPUT -s {0} -p icmp -j ACCEPT; iptables -I OUTPUT -d {0} -p icmp -j ACCEPT"),
+        (
+            "rpc",
+            "",
+            "; ".join(
+                f"iptables -I {end} {{0}} -p tcp --{port} 11611 -j ACCEPT"
+                for end in ("INPUT -s", "OUTPUT -d")
+                for port in ("dport", "sport")
+            ),
+        ),
         ("rpc in", "1; reboot", ""),
     ],
 )
@@ -214,6 +237,90 @@ def test_what_masquerades_leaves_out_the_robots(chains, words):
     assert [one.text for one in commands] == ([words] if words else [])
 
 
+FULL = FullProcess("rosbridge", 4711, "robot.service", 1024, 1024)
+
+
+@pytest.mark.parametrize(
+    ("entry", "where", "words"),
+    [
+        (FULL, NAME, "mkdir -p /etc/systemd/system/robot.service.d; printf '[Service]\\nLimitNOFILE=65536\\n' > "),
+        (replace(FULL, unit="session-4.scope"), HANDS, "end the process 4711 on car-nav"),
+        (replace(FULL, unit="a b.service; reboot"), HANDS, "end the process 4711 on car-nav"),
+    ],
+)
+def test_a_program_without_files_to_open_gets_more(entry, where, words):
+    def change(seen):
+        update(seen[NAME].probe, full_processes=(entry,))
+
+    (found,) = diagnosed(change, fig12()).findings
+    assert found.component.fault.id == "RF-107"
+    assert [(one.where, one.text.startswith(words)) for one in found.do] == [(where, True)]
+
+
+def test_the_second_holder_of_an_address_is_named_with_its_hardware_address():
+    def change(seen):
+        update(
+            seen["car-visio"].probe, claims=(Claim(OWN, "eth0", (seen[NAME].probe.forwarding.interfaces[0].mac, MAC)),)
+        )
+
+    (found,) = diagnosed(change, fig12()).findings
+    assert found.component.fault.id == "RF-215"
+    assert [one.where for one in found.do] == [HANDS]
+    assert mentions(found.do[0].text, MAC, OWN)
+    assert [(one.where, one.text) for one in found.look] == [("car-visio", f"arping -b -c 3 -I eth0 {OWN}")]
+
+
+def test_a_computer_of_the_fleet_that_answers_for_an_address_of_another_one_is_named():
+    fleet = fig12()
+    seen = observed(fleet)
+    other = seen["dabo-nav"].probe.forwarding.interfaces[0].mac
+    update(seen["car-visio"].probe, claims=(Claim(OWN, "eth0", (other,)),))
+    run = Verification(CHECKS, fleet, seen)
+    (told_of,) = make_commands([Component("interface", NAME, "duplicate")], run.run[NAME], run.state)
+    assert told_of.where == HANDS and mentions(told_of.text, "dabo-nav", OWN, "proxy_arp")
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        (', "robot.service"', ["systemctl disable --now robot.service"]),
+        (", robot.service", ["systemctl disable --now robot.service"]),
+        (', "ssh.service"', []),
+        (', "user@1000.service"', []),
+        (', "session-3.scope"', []),
+        ("", []),
+    ],
+)
+def test_the_unit_of_another_roscore_is_stopped(unit, words):
+    run = Verification(CHECKS, fig12(), observed(fig12()))
+    process = f'TCP port 11311: "roscore" (pid 5, user "ubuntu"{unit}), but the plan has multimaster-roscore.service'
+    commands = make_commands([Component("set_up", NAME, "others", process)], run.run[NAME], run.state)
+    assert [one.text for one in commands] == words
+
+
+@pytest.mark.parametrize(
+    ("service", "words"),
+    [("chrony", ["chronyc makestep"]), ("systemd-timesyncd", ["systemctl restart systemd-timesyncd"]), ("ntpd", [])],
+)
+def test_a_clock_is_set_by_its_own_time_service(service, words):
+    fleet = fig12()
+    seen = observed(fleet)
+    update(seen[NAME].probe.clock, service=service)
+    run = Verification(CHECKS, fleet, seen)
+    commands = make_commands([Component("clock", NAME, "off")], run.run[NAME], run.state)
+    assert [one.text for one in commands] == words
+
+
+@pytest.mark.parametrize(("port", "is_known"), [(41233, True), (0, False)])
+def test_a_stopped_node_is_found_by_its_port(port, is_known):
+    fleet = fig12()
+    seen = observed(fleet)
+    update(seen[NAME].probe.exchange, silences=(SilentNode("/camera", NAME, port=port),))
+    run = Verification(CHECKS, fleet, seen)
+    commands = make_commands([Component("node", NAME, "hung", "/camera")], run.run[NAME], run.state)
+    assert [f"'sport = :{port}'" in one.text for one in commands] == [True] * is_known
+
+
 def test_nothing_is_known_of_whom_nobody_looked_at():
     fleet = fig12()
     run = Verification(CHECKS, fleet, {})
@@ -231,4 +338,4 @@ def test_a_finding_has_its_command_first():
 
 
 def test_each_row_is_of_a_fault():
-    assert set(COMMANDS) <= set(FAULTS)
+    assert {*COMMANDS, *STEPWISE} <= set(FAULTS)
