@@ -14,7 +14,7 @@ from ..plugin_utils._base.plain import Mismatch, from_plain
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._predict import prediction
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal, name_inventory
 from ..plugin_utils._verify.observe.task_results import find_result
 
 OPTIONS = ("fleet", "machine", "table")
@@ -35,9 +35,10 @@ class ActionModule(FleetAction):
         everybody, present = (task_vars.get(f"ansible_play_hosts{which}", ()) for which in ("_all", ""))
         refused = {host for host in everybody if host not in present}
         predicted = prediction.predict(fleet, machines(fleet, task_vars["hostvars"], machine), refused)
-        sentences = [plain(text, LINE) for text in prediction.warnings(predicted)]
+        inventory = name_inventory(task_vars)
+        sentences = [plain(text, LINE) for text in prediction.warnings(predicted, inventory)]
         if table:
-            Display().display("\n" + plain_lines(prediction.render(predicted)) + "\n")
+            Display().display("\n" + plain_lines(prediction.render(predicted, inventory)) + "\n")
         return {
             "msg": prediction.write_verdict(predicted),
             "works": not sentences,

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shlex
 import shutil
 import stat
 import tempfile
@@ -33,7 +32,7 @@ from ..plugin_utils._base.sentences import join_causes
 from ..plugin_utils._bundle.archive import LARGEST, UnreadableBundle, unpack
 from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
 from ..plugin_utils._plan.model import FleetPlan
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal, name_inventory
 from ..plugin_utils._verify.checks.engine import FAILED, InventorySource
 from ..plugin_utils._verify.diagnose.explanation import UnknownFinding, choose_findings, write_explanation
 from ..plugin_utils._verify.report import history, terminal
@@ -195,13 +194,6 @@ def find_origin(value: object) -> str:
     origin = Origin.get_tag(value) if Origin else None
     path, line = (origin.path, origin.line_num) if origin else (getattr(value, "ansible_pos", None) or (None, None))[:2]
     return f"{min(str(path), os.path.relpath(str(path)), key=len)}, line {line}" if path and line else ""
-
-
-def name_inventory(task_vars: Mapping[str, Any]) -> str:
-    """Name the inventory of this run as a command has it after -i; empty if it has none, as with -i host,."""
-    sources = [str(source) for source in task_vars.get("ansible_inventory_sources") or ()]
-    paths = [source if "," in source else min(source, os.path.relpath(source), key=len) for source in sources]
-    return " -i ".join(map(shlex.quote, paths))
 
 
 def format_durations(marks: Any, now: float) -> str:

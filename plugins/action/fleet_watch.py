@@ -13,7 +13,7 @@ from ansible.utils.display import Display
 
 from ..plugin_utils._base.plain import Mismatch, from_plain
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines, quote
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal, name_inventory
 from ..plugin_utils._verify.observe import task_results
 from ..plugin_utils._verify.watch import progress
 from ..plugin_utils._verify.watch.progress import Event, LostValue, WatchAnswer
@@ -47,7 +47,9 @@ class ActionModule(FleetAction):
         events = progress.list_events(reports)
         lost = sum(len(report.lost) for report in reports.values())
         loss = progress.find_first_loss(events)
-        first, advice = (plain(loss.sentence, LINE), plain_data(loss.advice)) if loss else ("", {})
+        first, advice = (
+            (plain(loss.sentence, LINE), plain_data(loss.advise(name_inventory(task_vars)))) if loss else ("", {})
+        )
         return {
             "lost": lost,
             "first_loss": first,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import Advice, Fault, Key, change, controller, hand, on, site_of_all
+from .fault import Advice, Fault, Key, change, controller, hand, keep_settings, on, site_of_all
 
 PREDICTED, WATCHED = "predicted", "watched"
 _PLAN = "the plan was followed, hop by hop"
@@ -68,13 +68,13 @@ PREDICTIONS: Mapping[Key, Fault] = {
     (PREDICTED, "not forwarded"): _predict(
         11,
         "{place} does not pass packets on to {what}",
-        on("sysctl -w net.ipv4.ip_forward=1", "and for each interface; site.yml does so on gateways and the router"),
+        keep_settings("forwarding", {"net.ipv4.ip_forward": 1}),
         look="sysctl -a --pattern 'ip_forward|[.]forwarding'",
     ),
     (PREDICTED, "reverse path"): _predict(
         12,
         "{place} drops packets for {what} that come in on another interface than the one that leads back",
-        on("sysctl -w net.ipv4.conf.all.rp_filter=2", "or correct its routes"),
+        keep_settings("rp-filter", {"net.ipv4.conf.all.rp_filter": 2}),
         look="sysctl -a --pattern rp_filter; ip route",
     ),
     (PREDICTED, "too large"): _predict(
@@ -87,7 +87,10 @@ PREDICTIONS: Mapping[Key, Fault] = {
         14, "{place} sends packets for {what} back to where it came from", hand("correct the routes of {place}")
     ),
     (PREDICTED, "elsewhere"): _predict(
-        15, "two machines have an address of {what}", hand("give one of them another address"), look="ip neighbour"
+        15,
+        "{place} has {hop}, the address of another machine, too",
+        hand("give {place} another address, in its network manager or in DHCP"),
+        look="ip -br address; ip neighbour",
     ),
     (PREDICTED, "translated"): _predict(
         16,

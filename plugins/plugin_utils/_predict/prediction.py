@@ -17,16 +17,16 @@ from typing import NamedTuple
 
 from .._base.features import load_hooks
 from .._base.sentences import shorten_list
-from .._faults.fault import Advices, Fault, write_advices
+from .._faults.fault import CONTROLLER, INVENTORY, Advices, Fault, write_advices
 from .._faults.foreseen import PREDICTED, PREDICTIONS
 from .._network import facts, packets
-from .._network.model import Packet, World
+from .._network.model import Packet, Rule, World
 from .._network.packets import Trace
 from .._plan.model import FleetPlan, Member
+from .remedies import TRANSLATED, Scene
 
 CONNECTIONS, LARGE = "connections of nodes", "large packets"
 REACHES, FAILS, UNSURE = "reaches", "fails", "unsure"
-TRANSLATED = "translated"
 FULL = 1500  # bytes of a large packet
 NODES = 45000  # an example of the ports of nodes, which the kernel chooses above 32768
 WIDTH = 120
@@ -91,6 +91,7 @@ class End(NamedTuple):
     network: str  # to which they were going
     hop: str = ""  # the next machine, as an address
     traffic: str = ""  # empty, unless only this traffic ends
+    remedy: Advices = ()  # from the values that were read
 
     @property
     def fault(self) -> Fault:
@@ -140,8 +141,10 @@ class Prediction:
 def _join_ends(pairs: Sequence[Pair]) -> End:
     """Return one end for ends at one place with one outcome."""
     ends = [pair.end for pair in pairs if pair.end is not None]
-    words = (dict.fromkeys(filter(None, values)) for values in zip(*ends, strict=True))
-    return End(*(" and ".join(texts) for texts in words))
+    words = zip(*((end.network, end.hop, end.traffic) for end in ends), strict=True)
+    network, hop, traffic = (" and ".join(dict.fromkeys(filter(None, values))) for values in words)
+    remedy = tuple(dict.fromkeys(one for end in ends for one in end.remedy))
+    return End(ends[0].outcome, ends[0].where, network, hop, traffic, remedy)
 
 
 def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info], refused: Container[str] = ()) -> Prediction:
@@ -151,7 +154,7 @@ def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info], refused: Containe
     after = facts.apply_plan(fleet, now, (name for name in known if name not in refused))
     members = [member for member in fleet.members if member.name not in refused]
     return Prediction(
-        pairs=list(_pairs(fleet, members, now, after)),
+        pairs=list(_pairs(Scene(fleet, after, known), members, now)),
         computers=[member.name for member in members],
         refused=[member.name for member in fleet.members if member.name in refused],
         assumed=[name for name in after.machines if name not in known],
@@ -159,7 +162,8 @@ def predict(fleet: FleetPlan, infos: Mapping[str, facts.Info], refused: Containe
     )
 
 
-def _pairs(fleet: FleetPlan, members: Sequence[Member], now: World, after: World) -> Iterator[Pair]:
+def _pairs(scene: Scene, members: Sequence[Member], now: World) -> Iterator[Pair]:
+    fleet, after = scene.fleet, scene.world
     same = now == after  # as after every site.yml
     few = list_declared()
     declared = ((one, other, few) for one, other in permutations(members, 2))
@@ -167,8 +171,10 @@ def _pairs(fleet: FleetPlan, members: Sequence[Member], now: World, after: World
         for traffic in traffics:
             packet = traffic.make_packet(fleet, one, other)
             if packet is not None:
-                later, end = _outcome(fleet, after, one.name, other.name, packet, traffic)
-                before = later if same else _outcome(fleet, now, one.name, other.name, packet, traffic)[0]
+                later, end = _outcome(scene, one.name, other.name, packet, traffic)
+                before = (
+                    later if same else _outcome(scene._replace(world=now), one.name, other.name, packet, traffic)[0]
+                )
                 yield Pair(traffic.name, one.name, other.name, before, later, end)
 
 
@@ -192,21 +198,22 @@ def choose_ways(members: Sequence[Member]) -> Iterator[tuple[Member, Member, Seq
         yield from ((first, two, TRAFFIC[:1]) for two in last.values() if (first.name, two.name) not in whole)
 
 
-def _outcome(
-    fleet: FleetPlan, world: World, start: str, target: str, packet: Packet, traffic: Traffic
-) -> tuple[str, End | None]:
+def _outcome(scene: Scene, start: str, target: str, packet: Packet, traffic: Traffic) -> tuple[str, End | None]:
+    world = scene.world
     way = packets.echo(world, start, packet)
     failure = way.failure
     if failure is None and way.there.where == target:
         if way.there.translations:
-            end = End(TRANSLATED, way.there.translations[0][0], _network(fleet, packet.destination))
+            where = way.there.translations[0][0]
+            remedy = scene.advise(way.there, TRANSLATED, where)
+            end = End(TRANSLATED, where, _network(scene.fleet, packet.destination), remedy=remedy)
             return (FAILS if traffic.discovery else REACHES), end
         return REACHES, None
     if failure is None:
         failure = replace(way.there, outcome=packets.ELSEWHERE)
     if failure.outcome == packets.TOO_LARGE and (_is_reported(world, failure) or failure.where in (start, target)):
         return REACHES, None  # TCP learns the size that fits: on the way by ICMP, and from the other end when it begins
-    end = _end(fleet, failure, traffic)
+    end = _end(scene, failure, traffic)
     unsure = failure.outcome in (packets.FILTERED, packets.REJECTED) and world.machines[failure.where].unclear
     return (UNSURE if unsure else FAILS), end
 
@@ -216,12 +223,22 @@ def _is_reported(world: World, way: Trace) -> bool:
     return way.where == way.by and way.where in world.machines
 
 
-def _end(fleet: FleetPlan, way: Trace, traffic: Traffic) -> End:
-    precise = way.outcome in (packets.FILTERED, packets.REJECTED, packets.TOO_LARGE)
-    hop = way.hops[-1].to if way.hops and way.outcome == packets.NOBODY else None
-    return End(
-        way.outcome, way.where, _network(fleet, way.packet.destination), str(hop or ""), traffic.name if precise else ""
-    )
+def _end(scene: Scene, way: Trace, traffic: Traffic) -> End:
+    outcome, hop = way.outcome, None
+    if outcome == packets.REJECTED and not isinstance(way.rule, Rule):
+        outcome = packets.CLOSED  # by a route or a rule for routing
+    elif outcome == packets.REVERSE_PATH and scene.find_closed_route(way):
+        outcome = packets.CLOSED
+    elif outcome == packets.NO_ROUTE and scene.find_interface_down(way):
+        outcome = packets.DOWN  # its routes went with it
+    elif outcome == packets.NOBODY and way.hops:
+        hop = way.hops[-1].to
+    elif outcome == packets.ELSEWHERE:
+        hop = way.packet.destination
+    precise = outcome in (packets.FILTERED, packets.REJECTED, packets.TOO_LARGE)
+    network = _network(scene.fleet, way.packet.destination)
+    remedy = scene.advise(way, outcome, way.where)
+    return End(outcome, way.where, network, str(hop or ""), traffic.name if precise else "", remedy)
 
 
 def _network(fleet: FleetPlan, address: IPv4Address) -> str:
@@ -232,9 +249,9 @@ def _network(fleet: FleetPlan, address: IPv4Address) -> str:
 # Sentences
 
 
-def write_sentence(end: End, pairs: Sequence[Pair]) -> str:
+def write_sentence(end: End, pairs: Sequence[Pair], inventory: str = "") -> str:
     """Return one sentence: the place where packets would end, the ways that fail, and the remedy."""
-    what, remedy = _describe(end, "it"), write_advices(list_remedies(end))
+    what, remedy = _describe(end, "it"), write_advices((*list_do(end, inventory), *list_look(end)))
     effect = "would not work; expected a way there and back"
     if all(pair.after == REACHES for pair in pairs):
         effect = "would show another address, by which no node is found; expected the computer's own"
@@ -247,18 +264,27 @@ def _describe(end: End, place: str = "") -> str:
     return end.fault.sentence.format(place=place or end.where, what=end.network, **words)
 
 
-def list_remedies(end: End) -> Advices:
-    """Return the remedy at a place, then the commands to look with."""
-    return end.fault.fill((*end.fault.do, *end.fault.look), (end.where,), "")
+def list_do(end: End, inventory: str = "") -> Advices:
+    """Return the remedy at a place: that of the values that were read, and of the row what lasts."""
+    own = end.fault.fill(end.fault.do, (end.where,), "", inventory)
+    if not end.remedy:
+        return own
+    changes = {one.where for one in end.remedy if one.where == INVENTORY}
+    return (*end.remedy, *(one for one in own if one.where in {CONTROLLER, INVENTORY} - changes))
+
+
+def list_look(end: End) -> Advices:
+    """Return the commands to look with at a place."""
+    return end.fault.fill(end.fault.look, (end.where,), "")
 
 
 def _name_ways(pairs: Sequence[Pair]) -> str:
     return shorten_list(dict.fromkeys(f"{pair.observer} -> {pair.target}" for pair in pairs), PAIRS)
 
 
-def warnings(prediction: Prediction) -> list[str]:
-    """Return a sentence for each place at which packets would end after site.yml."""
-    return [write_sentence(end, pairs) for end, pairs in prediction.failures.items()]
+def warnings(prediction: Prediction, inventory: str = "") -> list[str]:
+    """Return a sentence for each place at which packets would end after site.yml. `inventory` is that of the run, as a command has it."""
+    return [write_sentence(end, pairs, inventory) for end, pairs in prediction.failures.items()]
 
 
 def name_refused(prediction: Prediction) -> list[str]:
@@ -290,13 +316,13 @@ def list_ways(prediction: Prediction) -> list[dict[str, str]]:
 # The table
 
 
-def render(prediction: Prediction) -> str:
-    """Return the prediction for the terminal."""
+def render(prediction: Prediction, inventory: str = "") -> str:
+    """Return the prediction for the terminal. `inventory` is that of the run, as a command has it."""
     parts = [f"PREDICTION for {len(prediction.computers)} computers, after site.yml", _table(prediction)]
     if 1 < len(prediction.computers) <= MATRIX:
         parts.append(_matrix(prediction))
     if prediction.failures:
-        parts.append("\n".join(["Would not be as planned:", *_groups(prediction)]))
+        parts.append("\n".join(["Would not be as planned:", *_groups(prediction, inventory)]))
     parts += _notes(prediction)
     parts.append(write_verdict(prediction))
     return "\n\n".join(parts)
@@ -345,11 +371,9 @@ def _cell(pairs: Sequence[Pair]) -> str:
     return "FAIL" if all(pair.after == FAILS for pair in pairs) else "part"
 
 
-def _groups(prediction: Prediction) -> Iterator[str]:
+def _groups(prediction: Prediction, inventory: str) -> Iterator[str]:
     for number, (end, pairs) in enumerate(prediction.failures.items(), 1):
-        do, look = (
-            write_advices(end.fault.fill(advices, (end.where,), "")) for advices in (end.fault.do, end.fault.look)
-        )
+        do, look = write_advices(list_do(end, inventory)), write_advices(list_look(end))
         what = f"{_describe(end)} [{end.fault.id}]"
         rows = (
             (f"{number:>3}. ", what),

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -54,3 +56,10 @@ def refuse(problems: Sequence[str]) -> dict[str, Any]:
 def _read_version(text: str) -> tuple[int, ...]:
     """Return the first two numbers of a version of ansible-core."""
     return tuple(int(part) for part in text.split(".")[:2])
+
+
+def name_inventory(task_vars: Mapping[str, Any]) -> str:
+    """Name the inventory of this run as a command has it after -i; empty if it has none, as with -i host,."""
+    sources = [str(source) for source in task_vars.get("ansible_inventory_sources") or ()]
+    paths = [source if "," in source else min(source, os.path.relpath(source), key=len) for source in sources]
+    return " -i ".join(map(shlex.quote, paths))

@@ -131,4 +131,5 @@ def _chain(number, rule):
         if getattr(rule, name):
             said[name] = [str(network) for network in getattr(rule, name)]
     table = f"ip t{number}"
+    said["chain"] = f"own_{rule.chain}"
     return {"hook": HOOKS[rule.chain], "table": table, "policy": "accept", "rules": [said], "unread": 0}

@@ -264,22 +264,25 @@ def _name_second_holder(computer: Participant, _components: Sequence[Component],
     """Name the computer that has the address, too, or the hardware address by which it is found."""
     address = str(computer.plan.address)
     known = {mac: name for name, other in state.run.items() for mac in other.hardware_addresses}
-    heard = [
-        mac.lower()
-        for other in state.run.values()
-        for mac in (
-            *(one for claim in other.probe.claims if claim.address == address for one in claim.macs),
-            *(member.neighbour for member in other.probe.members if member.address == address),
-        )
-    ]
-    strange = dict.fromkeys(mac for mac in heard if mac and known.get(mac) != computer.name)
-    for mac in strange if computer.hardware_addresses else ():
-        holder = known.get(mac)
-        if holder and not any(address in entry.addresses for entry in state.run[holder].interfaces):
-            yield Advice(HANDS, f"end proxy_arp on {holder}: it answers for {address}, and does not have that address")
-        elif MAC.fullmatch(mac):
-            named = holder or f"the computer with the hardware address {mac}"
-            yield Advice(HANDS, f"give {named} another address than {address}, in its network manager or in DHCP")
+    heard = {mac.lower() for other in state.run.values() for mac in _list_answers(other, address)}
+    strange = sorted(mac for mac in heard if known.get(mac) != computer.name)
+    for mac in filter(MAC.fullmatch, strange if computer.hardware_addresses else ()):
+        yield Advice(HANDS, _part_from_address(mac, known.get(mac, ""), address, state))
+
+
+def _list_answers(observer: Participant, address: str) -> Iterator[str]:
+    """List the hardware addresses that a computer has for an address."""
+    for claim in observer.probe.claims:
+        yield from claim.macs if claim.address == address else ()
+    yield from (member.neighbour for member in observer.probe.members if member.address == address)
+
+
+def _part_from_address(mac: str, holder: str, address: str, state: FleetState) -> str:
+    """Say how who answers for an address of another computer stops it; `holder` is empty outside the fleet."""
+    if holder and not any(address in entry.addresses for entry in state.run[holder].interfaces):
+        return f"end proxy_arp on {holder}: it answers for {address}, and does not have that address"
+    named = holder or f"the computer with the hardware address {mac}"
+    return f"give {named} another address than {address}, in its network manager or in DHCP"
 
 
 def _raise_limits(computer: Participant, components: Sequence[Component], _state: FleetState) -> Iterator[Advice]:
@@ -320,7 +323,7 @@ OTHER_UNIT = re.compile(
 # (kind, mode) -> advices of which some are words
 STEPWISE: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], FleetState], Iterator[Advice]]] = {
     ("interface", "duplicate"): _name_second_holder,
-    ("computer", "limit"): _raise_limits,
+    ("program", "full"): _raise_limits,
     ("set_up", "others"): _stop_others,
 }
 

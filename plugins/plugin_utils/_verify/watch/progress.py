@@ -130,10 +130,9 @@ class FirstLoss:
     fault: Fault
     observer: str
 
-    @property
-    def advice(self) -> dict[str, Any]:
-        """Return the steps to do and those to look at, as plain data."""
-        do, look = (self.fault.fill(one, (self.observer,), "") for one in (self.fault.do, self.fault.look))
+    def advise(self, inventory: str = "") -> dict[str, Any]:
+        """Return the steps to do and those to look at, as plain data. `inventory` is that of the run, as a command has it."""
+        do, look = (self.fault.fill(one, (self.observer,), "", inventory) for one in (self.fault.do, self.fault.look))
         return {"id": self.fault.id, "page": self.fault.page, "do": list_advices(do), "look": list_advices(look)}
 
 

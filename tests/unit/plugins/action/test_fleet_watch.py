@@ -23,7 +23,7 @@ LOST = {**WELL, "events": [EVENT], "lost": [{"kind": "link", "name": "eth0"}]}
 def watch(monkeypatch):
     """Run the action over what each computer told; its result, and what it displayed."""
 
-    def run(told, **options):
+    def run(told, sources=(), **options):
         shown = []
         monkeypatch.setattr(fleet_watch.Display, "display", lambda _self, text, *_more, **_options: shown.append(text))
         task = Task()
@@ -32,7 +32,13 @@ def watch(monkeypatch):
         connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
         action = fleet_watch.ActionModule(task, connection, None, None, None, None)
         variables = {host: {"verify_watch_told": part} for host, part in told.items()}
-        result = action.run(task_vars={"hostvars": variables, "ansible_play_hosts_all": list(told)})
+        result = action.run(
+            task_vars={
+                "hostvars": variables,
+                "ansible_play_hosts_all": list(told),
+                "ansible_inventory_sources": list(sources),
+            }
+        )
         return result, "\n".join(shown)
 
     return run
@@ -49,6 +55,12 @@ def test_the_first_loss_has_our_words_and_names_without_quotes(watch):
     assert "the link eth0 of tibi is down, and was up" in result["first_loss"] and '"' not in result["first_loss"]
     assert (result["lost"], result["known"]) == (1, {"tibi": 1, "dabo": 0}) and "tibi is down" in shown
     assert result["advice"]["id"] == "RF-803" and result["advice"]["look"][0]["where"] == "tibi"
+
+
+def test_the_advice_names_the_inventory_of_the_run(watch):
+    event = {**EVENT, "kind": "clock", "found": "set back"}
+    result, _shown = watch({"tibi": {**WELL, "events": [event]}}, sources=["hosts.yml"])
+    assert "-i hosts.yml " in result["advice"]["do"][0]["text"]
 
 
 def test_who_does_not_answer_any_more_is_told(watch):

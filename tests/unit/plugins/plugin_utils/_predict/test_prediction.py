@@ -7,16 +7,19 @@ import pathlib
 import re
 import time
 from dataclasses import replace
+from ipaddress import IPv4Interface, IPv4Network
 from random import Random
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import INVENTORY
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.foreseen import PREDICTIONS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import Inventory, read_fleet
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network import packets
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Route, Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.plan_world import make_world
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._predict import prediction
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._predict.remedies import Scene
 from mentioned import mentions
 from worlds import change, change_interface, fig12, info_of, ping
 
@@ -54,7 +57,7 @@ TOLD = {
     "reject": (change(WORLD, "tibi-visio", rules=(Rule("in", "reject", "udp"),)), "a packet filter on it refuses heartbeats"),
     "length": (change(WORLD, "tibi-visio", rules=(Rule("forward", "drop", above=1000),)), "a packet filter on it drops large packets"),
     "masquerading": (change(WORLD, "tibi-visio", rules=(Rule("nat", "masquerade", leaving="eth1"),)), "it translates addresses"),
-    "interface": (change_interface(WORLD, "tibi-visio", "eth1", up=False), "has no route to the network of dabo"),
+    "interface": (change_interface(WORLD, "tibi-visio", "eth1", up=False), "the interface of it to the network of dabo"),
 }  # fmt: skip
 
 
@@ -65,7 +68,69 @@ def test_the_first_hop_that_would_fail_is_told_in_one_sentence(name):
     assert any(sentence.startswith("tibi-visio: after site.yml ") and text in sentence for sentence in sentences), (
         sentences
     )
-    assert all("{" not in sentence and sentence.endswith(".") and "; expected " in sentence for sentence in sentences)
+    assert all(
+        not re.search(r"{\w", sentence) and sentence.endswith(".") and "; expected " in sentence
+        for sentence in sentences
+    )
+
+
+def _add_address(name, device, address):
+    machine = WORLD.machines[name]
+    own = tuple(
+        replace(one, addresses=(*one.addresses, IPv4Interface(address))) if one.name == device else one
+        for one in machine.interfaces
+    )
+    return change(WORLD, name, interfaces=own)
+
+
+def _add_route(name, destination, kind):
+    route = Route(IPv4Network(destination), kind=kind)
+    return change(WORLD, name, routes=(route, *WORLD.machines[name].routes))
+
+
+NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24 }"
+LETS_PASS = f"ip saddr {NETS} ip daddr {NETS} accept"
+# A change, the finding, the place of its remedy, and the remedy: what was read there is in it.
+REMEDIES = {
+    "filter": (TOLD["filter"][0], "RF-709", "tibi-visio", f"nft insert rule ip t0 own_forward {LETS_PASS}"),
+    "masquerading": (TOLD["masquerading"][0], "RF-716", "tibi-visio", f"nft insert rule ip t0 own_nat {LETS_PASS}"),
+    "own interface": (TOLD["interface"][0], "RF-706", "tibi-visio", "ip link set dev eth1 up"),
+    "its interface": (change_interface(WORLD, "kobuki", "eth0", up=False), "RF-706", "kobuki", "ip link set dev eth0 up"),
+    "blackhole": (_add_route("tibi-nav", "192.168.10.0/25", "blackhole"), "RF-702", "tibi-nav", "ip route del blackhole 192.168.10.0/25"),
+    "prohibited": (_add_route("tibi-visio", "192.168.10.100/32", "prohibit"), "RF-702", "tibi-visio", "ip route del prohibit 192.168.10.100/32"),
+    "twice": (_add_address("kobuki", "eth0", "192.168.1.201/24"), "RF-715", "", "give eth0 of kobuki another address than 192.168.1.201"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REMEDIES)
+def test_the_remedy_has_the_values_that_were_read(name):
+    world, identity, where, text = REMEDIES[name]
+    ends = [end for end in predicted(world).failures if end.fault.id == identity]
+    assert [(one.where, one.text) for end in ends for one in prediction.list_do(end) if one.text.startswith(text)] == [
+        (where, ends[0].remedy[0].text)
+    ]
+    assert "<" not in prediction.render(predicted(world))
+
+
+def test_of_a_machine_that_was_not_looked_at_no_interface_is_named():
+    world = change_interface(WORLD, "kobuki", "eth0", up=False)
+    scene = Scene(PLAN, world, ())
+    way = packets.trace(world, "tibi-visio", ping("192.168.1.229"))
+    assert way.outcome == packets.DOWN and scene.advise(way, way.outcome, way.where) == ()
+    assert scene._replace(known=("kobuki",)).advise(way, way.outcome, way.where)
+
+
+def test_an_address_that_nobody_has_is_that_of_a_computer_with_another_one():
+    machine = WORLD.machines["dabo-visio"]
+    moved = tuple(
+        replace(one, addresses=(IPv4Interface("192.168.10.77/24"),)) if one.name == "eth0" else one
+        for one in machine.interfaces
+    )
+    (end, *_more) = predicted(change(WORLD, "dabo-visio", interfaces=moved)).failures
+    change_of_inventory, run = prediction.list_do(end, "hosts.yml")
+    assert end.fault.id == "RF-704" and change_of_inventory.where == INVENTORY
+    assert mentions(change_of_inventory.text, "multimaster_address", "dabo-visio", "192.168.10.77")
+    assert run.text == "ansible-playbook -i hosts.yml rosfleet.multimaster.site"
 
 
 def test_what_ends_at_one_place_is_one_sentence():

@@ -253,7 +253,7 @@ def test_a_program_without_files_to_open_gets_more(entry, where, words):
         update(seen[NAME].probe, full_processes=(entry,))
 
     (found,) = diagnosed(change, fig12()).findings
-    assert found.component.fault.id == "RF-107"
+    assert found.component.fault.id == "RF-125"
     assert [(one.where, one.text.startswith(words)) for one in found.do] == [(where, True)]
 
 
