@@ -6,6 +6,7 @@
 FIELD_EXAMPLES is how many mixtures each property tries; `make test-long` tries many.
 """
 
+import codecs
 import os
 import pathlib
 
@@ -24,6 +25,7 @@ def tries(share=1.0):
 
 #: The files that people have in another form than this repository may: by the stem of their names.
 FORMS = {
+    "byte_order_mark": lambda content: codecs.BOM_UTF8 + content,
     "crlf": lambda content: content.replace(b"\n", b"\r\n"),
     "latin_1": lambda content: content.decode().encode("latin-1"),
 }
