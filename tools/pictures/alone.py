@@ -49,14 +49,14 @@ def draw_alone() -> str:
     for words, begin, end in zip(TIMES, starts, starts[1:]):
         there = words in ("network", "back")
         sheet.text((begin + end) / 2, 28, words, "middle strong" if there else "middle")
-        sheet.bar(begin + 2, 36, end - begin - 4, 10, "bar" if there else "off")
+        sheet.stripe(begin + 2, 36, end - begin - 4, 10, "bar" if there else "off")
     patience = plan.discovery["offline_after"]
     y = _draw_rows(sheet, names, starts, y)
     sheet.text(EDGE, y + 10, "the exchange", "strong")
     sheet.text(EDGE, y + 27, "with others", "strong")
     late = 22
     for begin, end in ((starts[1] + 6, starts[2] + late), (starts[3] + 6, starts[4])):
-        sheet.bar(begin, y + 8, end - begin, 12)
+        sheet.stripe(begin, y + 8, end - begin, 12)
     sheet.line(complex(starts[2], 48), complex(starts[2], y + 40), "life")
     sheet.line(complex(starts[2] + late, y + 20), complex(starts[2] + late, y + 40), "life")
     sheet.text(starts[2] + 4, y + 56, f"{patience:g} s later", "soft")
@@ -90,6 +90,6 @@ def _draw_rows(sheet: Sheet, names: list[str], starts: list[float], y: float) ->
     for number, name in enumerate([*names, "your nodes"]):
         begin = starts[0] + 4 + 6 * number
         sheet.text(EDGE, y + 12, name)
-        sheet.bar(begin, y + 3, starts[-1] - begin, 10)
+        sheet.stripe(begin, y + 3, starts[-1] - begin, 10)
         y += ROW
     return y

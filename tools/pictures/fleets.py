@@ -65,7 +65,7 @@ def draw_programs() -> str:
     ):
         sheet.text(middle, y, what, "middle on strong")
         sheet.text(middle, y + (2 * LINE - 8 if y < nodes else LINE), how, "middle on")
-    sheet.bar(EDGE, bottom + 24, WIDTH - 2 * EDGE)
+    sheet.stripe(EDGE, bottom + 24, WIDTH - 2 * EDGE)
     for x in (left, right):
         sheet.line(complex(x + FRAME / 2, bottom), complex(x + FRAME / 2, bottom + 24))
     sheet.text(middle, bottom + 52, f"common network {fleet.common_network}", "middle")

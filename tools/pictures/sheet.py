@@ -100,7 +100,7 @@ class Sheet:
         """Draw the frame of a robot or a computer, behind all else."""
         self.below.append(_rect(x, y, wide, high, "frame"))
 
-    def bar(self, x: float, y: float, wide: float, high: float = 10, kind: str = "bar") -> None:
+    def stripe(self, x: float, y: float, wide: float, high: float = 10, kind: str = "bar") -> None:
         """Draw a bar: a network, or a time in which something is there."""
         self.elements.append(_rect(x, y, wide, high, kind, 3))
 
