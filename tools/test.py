@@ -221,6 +221,7 @@ TIMED = {"alone", "links", "data_flow"}
 COSTLY = {
     *(
         "relay",
+        "relay_faults",
         "clock",
         "exchanges",
         "existing",
