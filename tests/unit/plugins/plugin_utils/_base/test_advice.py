@@ -117,6 +117,7 @@ OTHERS = {
     "_plan/environment.py": "before a command of ours",
     "_plan/parameters.py": "before a command of ours",
     "_predict/prediction.py": "before a command of ours",
+    "_predict/remedies.py": "the networks are planned; what was read is put in by advice.command",
 }
 
 
