@@ -2,7 +2,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The registrations of a relay, with a clock of the test."""
 
+import threading
+from types import SimpleNamespace
+
 import pytest
+from rosfleet_multimaster.edge.loop import Workers
 from rosfleet_multimaster.relay import node
 from rosfleet_multimaster.relay.node import PUBLISHER, Registrar
 
@@ -71,3 +75,22 @@ def test_one_change_is_registered_at_once(clock):
     registrar.tick(clock[0])
     worker.run()
     assert [calls[0][0] for calls in roscore.asked] == ["registerPublisher", "unregisterPublisher"]
+
+
+def test_a_name_that_is_being_registered_is_taken_back_at_the_end():
+    """The roscore would have a node that has ended, and nobody would take it away."""
+    goes_on, calls = threading.Event(), []
+
+    def ask(*asked):
+        if not calls:
+            goes_on.wait(10)
+        calls.extend(asked)
+        return [0] * len(asked)
+
+    loop = SimpleNamespace(post=lambda *_done: None)  # it has ended: no answer comes to the registrar
+    registrar = Registrar(SimpleNamespace(ask=ask), "http://10.0.0.1:11911/", Workers(loop, 1))
+    registrar.want({(PUBLISHER, "/scan"): "x/Y"})
+    registrar.tick(node.monotonic())
+    threading.Timer(0.2, goes_on.set).start()
+    registrar.withdraw()
+    assert [call[:2] for call in calls] == [("registerPublisher", "/scan"), ("unregisterPublisher", "/scan")]

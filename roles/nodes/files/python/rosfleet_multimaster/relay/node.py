@@ -2,20 +2,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The relay as a node of ROS: its names, its slave API (wiki.ros.org/ROS/Slave_API), and its registrations."""
 
-import contextlib
 import os
+import threading
 from functools import partial
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from ..edge.addresses import find_own_host, local_hosts
 from ..edge.clock import monotonic
 from ..edge.loop import Workers
-from ..edge.process import program
 from ..edge.roscore import Roscore
 from ..edge.rpc_server import Method, PerCaller, RefusedCall
 from .feed import BusLink
 
-WITHDRAWAL = 3.0  # seconds that the roscore has for it
+WITHDRAWAL = 3.0  # seconds that the roscore has for it, and for the call before it
 RETRY = 1.0  # seconds until a registration that was refused is tried again
 PUBLISHER, SUBSCRIBER, PROVIDER = "Publisher", "Subscriber", "Service"
 
@@ -94,6 +93,7 @@ class Registrar:
         self._roscore, self._uri, self._workers = roscore, uri, workers
         self._wanted: Dict[Key, str] = {}
         self._made: Dict[Key, str] = {}  # with their types, or the URI of the service
+        self._asked: Dict[Key, str] = {}  # the same, of the call that is under way
         self._busy, self._due, self._stale = False, 0.0, False
         self._asked_at = self._rests_until = 0.0  # it asks half of the time at most, whatever others offer
 
@@ -107,10 +107,18 @@ class Registrar:
         self._made, self._due, self._stale = {}, 0.0, self._busy
 
     def withdraw(self) -> None:
-        """Take all registrations back, at the end of the program. The worker's connection is not for this thread."""
-        calls = list(map(self._undo, self._made))
-        with contextlib.suppress(*program.FAILURES):
-            Roscore(self._roscore.rpc.uri, self._roscore.caller, WITHDRAWAL).ask(*calls)
+        """Take all registrations back, at the end of the program: by the worker, after the call that is under way."""
+        calls = [self._undo(key, kind) for key, kind in {**self._made, **self._asked}.items()]
+        done = threading.Event()
+
+        def undo() -> None:
+            try:
+                self._roscore.ask(*calls)
+            finally:
+                done.set()
+
+        self._workers.submit(undo, lambda _answers, _problem: None)
+        done.wait(WITHDRAWAL)
 
     def tick(self, now: float) -> Optional[float]:
         """Register all that is due; the time of the next call."""
@@ -121,21 +129,21 @@ class Registrar:
             return due
         gone = [key for key in self._made if self._wanted.get(key) != self._made[key]]
         new = {key: kind for key, kind in self._wanted.items() if self._made.get(key) != kind}
-        self._busy, self._asked_at = True, now
+        self._busy, self._asked_at, self._asked = True, now, new
         calls = [
-            *map(self._undo, gone),
+            *(self._undo(key, self._made[key]) for key in gone),
             *((f"register{role}", name, what, self._uri) for (role, name), what in new.items()),
         ]
         self._workers.submit(partial(self._roscore.ask, *calls), partial(self._on_done, gone, new))
         return None
 
-    def _undo(self, key: Key) -> Tuple[Any, ...]:
+    def _undo(self, key: Key, kind: str) -> Tuple[Any, ...]:
         role, name = key
-        return f"unregister{role}", name, self._made[key] if role == PROVIDER else self._uri
+        return f"unregister{role}", name, kind if role == PROVIDER else self._uri
 
     def _on_done(self, gone: List[Key], new: Dict[Key, str], answers: Any, problem: Optional[Exception]) -> None:
         now = monotonic()
-        self._busy, self._rests_until = False, now + (now - self._asked_at)
+        self._busy, self._asked, self._rests_until = False, {}, now + (now - self._asked_at)
         if self._stale:
             self._stale = False
             return
