@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Iterable
+from ipaddress import IPv4Network
 
 from .plain_text import LONGEST
 
@@ -44,6 +46,15 @@ def command(words: str, *values: tuple[str, object]) -> str:
     """Put values, each with its form, at the {} of our words. Empty if a value has not its form."""
     texts = [format_value(form, str(value)) for form, value in values]
     return words.format(*texts) if all(texts) else ""
+
+
+def accept_between(networks: Iterable[IPv4Network], chain: str) -> str:
+    """Make the command that puts first into a chain of nft a rule that accepts all packets between these networks.
+
+    Empty if the chain has not its form.
+    """
+    among = f"{{{{ {', '.join(map(str, sorted(networks)))} }}}}"
+    return command(f"nft insert rule {{}} ip saddr {among} ip daddr {among} accept", ("chain", chain))
 
 
 def format_value(form: str, text: str) -> str:

@@ -117,21 +117,18 @@ def _switch_on(scene: Scene, machine: Machine, way: Trace) -> Iterator[Advice]:
 def _accept(scene: Scene, machine: Machine, way: Trace) -> Iterator[Advice]:
     """Let all packets between the robots pass, before the rule that drops them."""
     if isinstance(way.rule, Rule) and way.rule.origins:
-        words = f"nft insert rule {{}} {_between_robots(scene.fleet)} accept"
-        yield from _run(machine, words, WRITE, ("chain", way.rule.origins[0]))
+        yield from _accept_in(scene, machine, way.rule.origins[0])
 
 
-def _between_robots(fleet: FleetPlan) -> str:
-    networks = sorted({*(entry.network for entry in fleet.networks), fleet.common_network})
-    among = f"{{{{ {', '.join(map(str, networks))} }}}}"
-    return f"ip saddr {among} ip daddr {among}"
+def _accept_in(scene: Scene, machine: Machine, chain: str) -> Iterator[Advice]:
+    if made := advice.accept_between(scene.fleet.network_names, chain):
+        yield Advice(machine.name, made, WRITE)
 
 
 def _stop_translating(scene: Scene, machine: Machine, _way: Trace) -> Iterator[Advice]:
     origins = dict.fromkeys(rule.origins[0] for rule in machine.rules if rule.verdict == MASQUERADE and rule.origins)
     for origin in origins:
-        words = f"nft insert rule {{}} {_between_robots(scene.fleet)} accept"
-        yield from _run(machine, words, WRITE, ("chain", origin))
+        yield from _accept_in(scene, machine, origin)
 
 
 def _pass_on(_scene: Scene, machine: Machine, way: Trace) -> Iterator[Advice]:

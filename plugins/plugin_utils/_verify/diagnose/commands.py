@@ -135,7 +135,7 @@ CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
 
 def _accept_packets(computer: Participant, components: Sequence[Component], state: FleetState) -> Commands:
     """A rule before the one that drops lets the packets of the fleet pass; its program gets the rule, too, if it is known."""
-    networks = sorted({*(entry.network for entry in state.fleet.networks), state.fleet.common_network})
+    networks = sorted(state.fleet.network_names)
     for component in components:
         origins, direction = state.filters.list_origins(component), component.mode.rpartition(" ")[2]
         known = [
@@ -214,11 +214,8 @@ def _stop_translating(computer: Participant, _components: Sequence[Component], s
     chains = [one for one in filters.chains if one.hook == "postrouting"] if filters and filters.readable else None
     if chains is None or any(one.unread for one in chains):
         return
-    networks = sorted({*(entry.network for entry in state.fleet.networks), state.fleet.common_network})
-    among = f"{{{{ {', '.join(map(str, networks))} }}}}"
-    words = f"nft insert rule {{}} ip saddr {among} ip daddr {among} accept"
-    rules = [(one.table, rule.chain) for one in chains for rule in one.rules if rule.verdict == MASQUERADE]
-    inserted = [advice.command(words, ("chain", " ".join(place))) for place in dict.fromkeys(rules)]
+    places = [f"{one.table} {rule.chain}" for one in chains for rule in one.rules if rule.verdict == MASQUERADE]
+    inserted = [advice.accept_between(state.fleet.network_names, place) for place in dict.fromkeys(places)]
     if all(inserted):
         yield from [*inserted, CONNTRACK]
 

@@ -7,6 +7,7 @@ import ast
 import pathlib
 import re
 import shlex
+from ipaddress import IPv4Network
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import advice
@@ -87,6 +88,14 @@ def test_what_has_not_its_form_makes_no_command(value):
     assert advice.command("ip address del {}/24", ("address", value)) == ""
 
 
+def test_the_rule_between_networks_names_each_at_both_ends_in_their_order():
+    networks = [IPv4Network("192.168.20.0/24"), IPv4Network("192.168.1.0/24")]
+    made = advice.accept_between(networks, "ip nat POSTROUTING")
+    both = "{ 192.168.1.0/24, 192.168.20.0/24 }"
+    assert made == f"nft insert rule ip nat POSTROUTING ip saddr {both} ip daddr {both} accept"
+    assert advice.accept_between(networks, "ip nat POST;reboot") == ""
+
+
 @pytest.mark.parametrize("fault", FAULTS, ids="-".join)
 @given(what=st.text(min_size=1) | hostile("what"))
 def test_a_remedy_holds_no_name_of_others_but_as_one_word(fault, what):
@@ -117,7 +126,6 @@ OTHERS = {
     "_plan/environment.py": "before a command of ours",
     "_plan/parameters.py": "before a command of ours",
     "_predict/prediction.py": "before a command of ours",
-    "_predict/remedies.py": "the networks are planned; what was read is put in by advice.command",
 }
 
 
