@@ -130,7 +130,7 @@ def routes():
 
 
 def rules():
-    """Which tables are asked in which order, and the routes of multicast."""
+    """The routing rules, which order the tables, and the routes of multicast."""
     return {
         "%s of family %s" % (what, family): _run("ip", family, what)
         for what in ("rule", "mroute")

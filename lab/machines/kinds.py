@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a computer of a lab is, a container or a virtual machine: a table of what is done with each."""
+"""The kinds of computers in a lab, containers and virtual machines: a table of the commands for each kind."""
 
 from __future__ import annotations
 

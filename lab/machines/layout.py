@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which containers and networks an inventory asks for. Pure, but for the one question to ansible-inventory.
+"""The containers and networks that an inventory asks for. Pure, but for the one question to ansible-inventory.
 
 Only addresses and networks are read: a computer gets one interface in each network that contains one of its addresses,
 the common network first. The computers of the robots and the router have no route but that to the router of the common

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How much memory a lab takes: the sum of the processes of its containers (anonymous memory, no page cache), every second.
+"""The memory of a lab: the sum of the processes of its containers (anonymous memory, no page cache), every second.
 
 The kernel accounts it per container; it is read in the file memory.stat of each container's control group.
 """

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How much longer something takes because the machine is busy with other things.
+"""The factor by which something takes longer because the machine is busy with other things.
 
 Limits in tests are those of a machine that has time. With other work, a computation takes longer than its processor
 time. A thread compares the two all the while, and a limit becomes longer by what this makes of some work. On a machine that

@@ -34,7 +34,7 @@ class Matrix:
 
     @property
     def pairs(self) -> int:
-        """How many ordered pairs there are."""
+        """The number of ordered pairs."""
         return len(self.names) * (len(self.names) - 1)
 
     def list_results(self) -> list[Result]:

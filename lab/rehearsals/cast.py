@@ -53,7 +53,7 @@ class _Placeholders(dict[str, str]):
 
 @dataclass(frozen=True)
 class Cast:
-    """Who plays whom, and the fleet's own values."""
+    """The computers and robots that play those of the catalogue, and the fleet's own values."""
 
     computers: Mapping[str, str]  # of the catalogue -> of the fleet
     robots: Mapping[str, str]

@@ -95,7 +95,7 @@ def chat(lab, here: str, there: str) -> None:
 
 
 def message_times(lab, here: str, since: float = 0.0) -> dict[str, list[float]]:
-    """When messages have come, by the client library: "roscpp", "rospy"."""
+    """The times at which messages came, by the client library: "roscpp", "rospy"."""
     found: dict[str, list[float]] = {"roscpp": [], "rospy": []}
     for at, text in lab.output(f"{here}-pc", "chatter"):
         if at >= since:

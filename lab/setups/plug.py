@@ -96,7 +96,7 @@ def wait_for_events(lab, robot, *expected, seconds=60.0):
 
 
 def moments(lab, robot, unit):
-    """When the start of a unit began and ended, by the steady clock."""
+    """The times at which the start of a unit began and ended, by the steady clock."""
     names = ("InactiveExitTimestampMonotonic", "ActiveEnterTimestampMonotonic")
     shown = lab.run(f"{robot}-pc", f"systemctl show {unit} --property={','.join(names)}")
     of = dict(line.split("=") for line in shown.splitlines())

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whether the prediction of reachability agrees with what was measured under a fault: of the ways that both know. Pure.
+"""The agreement of the predicted reachability with the one measured under a fault: of the ways that both know. Pure.
 
 The prediction is that of playbooks/predict.yml for now, from what the verification has read of the machines beside it.
 """
@@ -23,7 +23,7 @@ Way = tuple[str, str, str]  # traffic, observer, target
 
 @dataclass(frozen=True)
 class Agreement:
-    """How many ways are known to both, and those of which the prediction says something else: (way, predicted)."""
+    """The number of ways known to both, and the ways of which the prediction says something else: (way, predicted)."""
 
     ways: int = 0
     wrong: Sequence[tuple[Way, str]] = ()

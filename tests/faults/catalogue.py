@@ -101,7 +101,7 @@ def filled(command: str, facts: Mapping[str, str], name: str) -> str:
 
 
 def facts_of(listing: Mapping[str, object], extras: Mapping[str, str]) -> dict[str, str]:
-    """What the placeholders mean, by the inventory as ansible-inventory lists it."""
+    """The values of the placeholders, by the inventory as ansible-inventory lists it."""
     variables = listing["_meta"]["hostvars"]
     found = {"group": "226.0.0.0", "port": "11511", **extras}
     for name, own in variables.items():

@@ -88,7 +88,7 @@ with concurrent.futures.ThreadPoolExecutor(40) as pool:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Who is to talk to whom."""
+    """The pairs that are to talk with each other."""
 
     asked: Mapping[str, tuple[str, list[int]]]  # a computer -> its address and its ports
     robots: Mapping[str, str]  # a computer -> its robot; no other robot needs the port of a roscore

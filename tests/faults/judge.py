@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a report names first, and whether that is the part of the fault. Pure.
+"""The part that a report names first, compared with the part of the fault. Pure.
 
 A report has findings, which are parts (kind, mode, place), or, before there were parts, checks with a cause.
 """
@@ -22,7 +22,7 @@ FEW = 4  # findings in which both of two faults are to be
 
 @dataclass(frozen=True)
 class Named:
-    """What was named first."""
+    """The part that was named first."""
 
     part: tuple[str, str] = ("", "")
     place: str = ""

@@ -53,7 +53,7 @@ class Kept:
 
 
 def told_of_remedies(rows: Sequence[Row]) -> str:
-    """How many of the commands that were told mend what was named, over all faults where one was tried."""
+    """The number of told commands that mended the named part, over all faults where one was tried."""
     words = [row.remedied.partition(":")[0] for row in rows if row.remedied]
     commands = [word for word in words if word != remedy.WORDS]
     mend = commands.count(remedy.MENDS)
@@ -61,11 +61,11 @@ def told_of_remedies(rows: Sequence[Row]) -> str:
 
 
 def told_of_unexplained(rows: Sequence[Row]) -> str:
-    """How many rows no finding explains, over all faults."""
+    """The number of rows without a finding that explains them, over all faults."""
     return f"Rows that no finding explains: {sum(row.unexplained for row in rows)}."
 
 
 def told_of_prediction(rows: Sequence[Row]) -> str:
-    """How far the prediction of reachability agrees with what was measured, over all faults."""
+    """The agreement of the predicted reachability with the measured one, over all faults."""
     ways, same = sum(row.ways for row in rows), sum(row.agreeing for row in rows)
     return f"The prediction of reachability agrees with what was measured in {same} of {ways} ways."

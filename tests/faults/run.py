@@ -197,7 +197,7 @@ class Catalogue:
         (self.record / f"{fault.name}.json").write_text(text + "\n")
 
     def _repair(self) -> None:
-        """What undo has left is site.yml's to put right, so that the next fault is alone."""
+        """Let site.yml put right the rest that undo has left, so that the next fault is alone."""
         status, output = self.lab.play("site.yml")
         if status:
             raise LabError(f"the fleet cannot be brought back: {output[-600:]}")

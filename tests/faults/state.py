@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a fault may change on a computer, read by a short command: the same as before the fault, and the fleet is green again."""
+"""The state of a computer that a fault may change, read by a short command: the same as before the fault, and the fleet is green again."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a fault changes in the lab itself, between the computers: a word each. All of it is of the lab's own networks."""
+"""Changes of a fault in the lab itself, between the computers: a word each. All of it is of the lab's own networks."""
 
 from __future__ import annotations
 

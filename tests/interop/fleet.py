@@ -100,7 +100,7 @@ class Computer:
         self.start("listener", f"python3 /opt/interop/listener.py {topic} > /run/heard")
 
     def heard(self) -> int:
-        """How many messages have arrived so far."""
+        """The number of messages that have arrived so far."""
         return int(self.run("wc -l < /run/heard"))
 
     def hears(self, topic: str, seconds: float = PATIENCE) -> bool:
@@ -136,7 +136,7 @@ class Robot(Computer):
     provider: str = BUNDLED  # whose nodes the collection runs there
 
     def implementation(self, node: str) -> str:
-        """Whose "discovery" or "sync" runs here."""
+        """The implementation of "discovery" or "sync" that runs here."""
         return str(getattr(self, node))
 
     def added(self, node: str) -> bool:
@@ -197,7 +197,7 @@ class Robot(Computer):
         self.launch(node)
 
     def log(self, node: str, seconds: int) -> str:
-        """What a node logged in the last seconds."""
+        """The log of a node in the last seconds."""
         return self.run(f"journalctl --unit {self.unit(node)} --output cat --since=-{seconds}s")
 
     def masters(self) -> dict[str, bool]:

@@ -58,7 +58,7 @@ def start(lab, unit, command):
 
 
 def refusal(lab):
-    """What verify.yml says, which fails."""
+    """The output of verify.yml, which fails."""
     status, output = lab.play("playbooks/verify.yml", variables=QUICK)
     assert status != 0, output
     return output

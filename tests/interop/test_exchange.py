@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What crosses between the two implementations: topics, services, actions, in both directions, first come first served."""
+"""The exchange between the two implementations: topics, services, actions, in both directions, first come first served."""
 
 import json
 

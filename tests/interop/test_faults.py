@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What ends, dies, comes back or gets lost on one side, seen from the other. Each test waits until all is well again."""
+"""Nodes and links that end, come back or get lost on one side, seen from the other. Each test waits until all is well again."""
 
 import re
 

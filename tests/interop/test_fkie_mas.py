@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What fkie_mas alone has: a daemon that starts programs for whoever calls its services."""
+"""The feature of fkie_mas alone: a daemon that starts programs for whoever calls its services."""
 
 import shlex
 

@@ -106,7 +106,7 @@ class Real:
             self.process = subprocess.Popen([*command, *words], env=environment, stdout=output, stderr=output)
 
     def has(self):
-        """What it says itself, by kind; None where it is not there yet."""
+        """The registrations that the node itself names, by kind; None while it is not there yet."""
         uri = roscore().lookupNode("/test", self.name)
         if uri[0] != 1:
             return None

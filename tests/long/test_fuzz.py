@@ -60,7 +60,7 @@ def watch(lab):
 
 
 def roscore(lab):
-    """What the first robot's roscore holds."""
+    """The registrations of the first robot's roscore."""
     ask = "import xmlrpc.client as x; print(x.ServerProxy('http://localhost:11311').getSystemState('/look')[2])"
     return lab.run(VICTIM, f'python3 -c "{ask}"')
 
@@ -124,7 +124,7 @@ def attack(script, *arguments):
 
 
 def result(name, running):
-    """What a script has counted."""
+    """The counts of a script."""
     output, _errors = running.communicate(timeout=1800)  # a robot that asks much is slowed down
     print(f"{name}:", output.strip())
     assert running.returncode == 0
@@ -132,7 +132,7 @@ def result(name, running):
 
 
 def meanwhile(lab, watch, running, name):
-    """What must work during an attack: the list of masters, and a new topic of the other robot."""
+    """Check the services that must work during an attack: the list of masters, and a new topic of the other robot."""
     time.sleep(3)
     topic = f"/fuzz/{name}"
     lab.start(PEER, name, f"rostopic pub -r 1 {topic} std_msgs/Int32 1")

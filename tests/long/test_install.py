@@ -125,7 +125,7 @@ def place():
 
 @pytest.fixture(scope="module")
 def sources(place):
-    """How the collection is named to ansible-galaxy: the built archive, and a repository of that user."""
+    """The names of the collection for ansible-galaxy: the built archive, and a repository of that user."""
     repository = place / "repository"
     subprocess.run(["git", "clone", "--quiet", "--depth=1", f"file://{ROOT}", repository], check=True)
     tree = place / "tree"

@@ -98,7 +98,7 @@ def read_state(lab):
 
 
 def differ(before, after):
-    """What differs between two states, a line each."""
+    """The differences between two states, a line each."""
     return [f"{host}: {line}" for host in before for line in compare(before[host], after[host])]
 
 
@@ -145,7 +145,7 @@ def find_longest_silence(lab, former, since):
 
 
 class Upgrade(NamedTuple):
-    """What was seen of an upgrade."""
+    """The observations of an upgrade."""
 
     former: Former
     lab: object

@@ -58,7 +58,7 @@ def before(lab):
 
 
 def state(lab):
-    """What a change makes: files of today, records, routes, rules."""
+    """The traces of a change: files of today, records, routes, rules."""
     return lab.run(HOST, STATE.replace("/run/began", "/var/lib/began"))
 
 

@@ -41,7 +41,7 @@ class Trial:
 
 @dataclass
 class Score:
-    """What was named for one kind of fault."""
+    """The parts that were named for one kind of fault."""
 
     verdicts: Counter = field(default_factory=Counter)
     findings: Counter = field(default_factory=Counter)  # their number -> trials
@@ -123,12 +123,12 @@ def _is_noise(trial, components):
 
 
 def is_right(component, row, place):
-    """Whether a part that was named is the one of the row at the place."""
+    """Return True if a named part is the one of the row at the place."""
     return (component.kind, component.mode) in row.components and is_at(component.places, place)
 
 
 def is_at(places, place):
-    """Whether a place is named: a link by its name, or each of two robots."""
+    """Return True if a place is named: a link by its name, or each of two robots."""
     return place == faults.ANYWHERE or any(one in places for one in place.split("|"))
 
 
@@ -208,7 +208,7 @@ def scores(trials):
 
 
 def _unseen(trial, place):
-    """Why nobody could look at a place itself, or at the fault from another one."""
+    """The reason why the run could look neither at a place itself nor at the fault from another one."""
     outside = " (not in the run)" if place in trial.state.fleet.computers and place not in trial.run else ""
     return outside + (f" (no login on {', '.join(trial.noise)})" if trial.noise else "")
 
@@ -222,7 +222,7 @@ def _said(found):
 
 
 def false_alarms(numbers):
-    """What is named of healthy fleets: (number, what was named) for each that is not left alone."""
+    """The false findings on healthy fleets: (number, named parts) for each fleet with one."""
     for number in numbers:
         trial = draw(number, [])
         found = named(trial)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What computers see of each other's network: names, pings, routes, datagrams, TCP connections. Packets decide it all."""
+"""The view that computers have of each other's network: names, pings, routes, datagrams, TCP connections. Packets decide it all."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class Network:
     # Echo requests
 
     def ping(self, computer, address):
-        """What the probe says of an address, after three tries."""
+        """The outcome of the probe for an address, after three tries."""
         way = self.echo(computer, Packet("icmp", address, size=28))
         lost = loss(self.world, way)
         if way.ok and any(self.chance("ping", computer, address, n) >= lost for n in range(TRIES)):
@@ -182,7 +182,7 @@ class Network:
         return tuple(found)
 
     def closer(self, computer, address, entry):
-        """What only a closer look shows: whether large packets arrive, and the neighbour's hardware address."""
+        """The results of a closer look: the arrival of large packets, and the neighbour's hardware address."""
         there = self.echo(computer, Packet("icmp", address, size=28)).there
         near = entry.route.gateway is None and there.by != computer
         way = self.echo(computer, Packet("icmp", address, size=28))
@@ -199,7 +199,7 @@ class Network:
         return found
 
     def claims(self, computer):
-        """Who answers for the addresses of the fleet on the networks of a computer, and for its own."""
+        """The computers that answer for the addresses of the fleet on the networks of a computer, and for its own."""
         found = []
         known = [
             address for plan in self.fleet.computers.values() for address in (entry.address for entry in plan.networks)
@@ -222,7 +222,7 @@ class Network:
         return tuple(found)
 
     def large(self, computer, address, device):
-        """Whether a packet as large as the own interface takes arrives; a router that says what fits is as good."""
+        """Return True if a packet as large as the own interface takes arrives; a router that names the size that fits is as good."""
         size = min(LARGE, self.world.machines[computer].interface(device).mtu) if device else LARGE
         way = self.echo(computer, Packet("icmp", address, size=size, whole=True))
         lost = loss(self.world, way)
@@ -288,7 +288,7 @@ class Network:
         return "no answer within 2 s", ""
 
     def listens(self, machine, port):
-        """Whether a program listens on a TCP port."""
+        """Return True if a program listens on a TCP port."""
         if machine not in self.fleet.computers or not self.world.machines[machine].on:
             return False
         if port in (NODES, SSH):
@@ -303,7 +303,7 @@ class Network:
         return False
 
     def carries(self, server, client_address):
-        """Whether a large answer of a server arrives: the kernel finds out what fits, where a router tells it."""
+        """Return True if a large answer of a server arrives: the kernel finds the size that fits, if a router tells it."""
         if client_address.is_loopback:
             return True
         size = LARGE
@@ -325,7 +325,7 @@ class Network:
     # Datagrams
 
     def _heard(self, sender, port, size=28):
-        """Who hears a datagram that a computer sends to the group: {machine: (interface, source, loss)}."""
+        """The machines that hear a datagram that a computer sends to the group: {machine: (interface, source, loss)}."""
         member = self.members[sender]
         packet = Packet("udp", self.fleet.multicast_group, port=port, size=size)
         found = {}
@@ -342,7 +342,7 @@ class Network:
         return self.trace(sender, Packet("udp", address, source=source, port=port, size=28))
 
     def multicast(self, computer, listeners):
-        """What multicast_verify measures on a computer; `listeners` are those of the run."""
+        """The measurement of multicast_verify on a computer; `listeners` are those of the run."""
         own, port = self.members[computer], self.fleet.multicast_port
         machine = self.world.machines[computer]
         device = machine.find_interface(own.discovery_address)

@@ -33,7 +33,7 @@ def observe(state, run=None, seed=0):
 
 
 def _talks(state, ros, name):
-    """Whether the start of the talker is reported as such: systemd has started it."""
+    """The report of the talker's start: systemd has started it."""
     return bool(state.fleet.computers[name].robot) and name not in state.without_ros | state.bare
 
 
@@ -53,7 +53,7 @@ def _of(state, network, ros, name, there, started, listeners):
 
 
 def _filter(state, name):
-    """Whether the rules of the collection are as planned. Rules of others are not looked at."""
+    """The comparison of the collection's rules with the plan. Rules of others are not looked at."""
     return seen.FilterState(msg="The rules of nftables were right.")
 
 

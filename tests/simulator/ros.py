@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What computers see of ROS: roscores, discovery, sync, talkers. A small model of what these do, over the network's packets."""
+"""The view that computers have of ROS: roscores, discovery, sync, talkers. A small model of what these do, over the network's packets."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Ros:
         return "", robot, self._large(machine, computer, address)
 
     def _large(self, server, client, address):
-        """Whether a large answer comes back from a server to a client that has called it at an address."""
+        """Return True if a large answer comes back from a server to a client that has called it at an address."""
         if server == client or address.is_loopback:
             return True
         way = self.network.echo(client, Packet("tcp", address, port=NODES, size=60))
@@ -98,7 +98,7 @@ class Ros:
         return source is not None and self.network.carries(server, source)
 
     def works(self, robot):
-        """Whether the roscore of a robot serves the nodes beside it."""
+        """Return True if the roscore of a robot serves the nodes beside it."""
         error, found, _large = self.asks(self.state.master(robot))
         return not error and found == robot
 
@@ -130,7 +130,7 @@ class Ros:
         return None
 
     def _lists(self, target, source):
-        """How a robot's discovery node lists another master, and whom it ignores: a ListedMaster, an Outsider or None."""
+        """The entry of another master at a robot's discovery node, listed or ignored: a ListedMaster, an Outsider or None."""
         master = self.fleet.master_of[source]
         if self.state.robots[target].discovery != RUNS or not self.announces(source):
             return None
@@ -230,7 +230,7 @@ class Ros:
         return [name for name in self.run if self.registered(name) == robot]
 
     def _takes(self, target, source):
-        """Whether the sync node of a robot has fetched the registrations of another one."""
+        """Return True if the sync node of a robot has fetched the registrations of another one."""
         its = self.state.robots[target]
         entry = self.lists(target, source)
         if its.sync != RUNS or not self.works(target) or not isinstance(entry, seen.ListedMaster):
@@ -239,7 +239,7 @@ class Ros:
         return self._large(self.state.master(source), self.state.master(target), address)
 
     def passes(self, source, target, item, kind):
-        """Whether a registration is to pass, and does with the parameters of the sync node."""
+        """Return True if the plan and the robots' own state let a registration pass from `source` to `target`."""
         if not (self.state.robots[target].takes and self.state.robots[source].gives) and item.name.endswith("/odom"):
             return False
         return self.flows.rules(source, target).passes(item, kind)
@@ -442,7 +442,7 @@ class Ros:
         return seen.Import(self.uri(source), tuple(topics), services)
 
     def _refused(self, target, source, entry, node):
-        """What the bundled sync node refuses: another type, and the name of an own node."""
+        """Return True if the bundled sync node refuses it: another type, and the name of an own node."""
         one, other = self.state.robots[target], self.state.robots[source]
         if node in (one.node, other.node) and one.node == other.node:
             return True

@@ -47,7 +47,7 @@ class Node:
 
 @dataclass(frozen=True)
 class RobotState:
-    """What runs on the computer of a robot's master."""
+    """The programs on the computer of a robot's master."""
 
     roscore: str = RUNS
     calls_itself: str = ""  # the host in the roscore's own URI

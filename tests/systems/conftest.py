@@ -24,7 +24,7 @@ def pytest_addoption(parser):
 
 @pytest.fixture(scope="session")
 def new_lab():
-    """What makes a lab by its name and inventory, for tests that want another one."""
+    """The function that makes a lab by its name and inventory, for tests that want another one."""
     return lab_of
 
 

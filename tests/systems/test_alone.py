@@ -25,7 +25,7 @@ def lab():
 
 @pytest.fixture(scope="module")
 def booted(slack, lab):
-    """When the robots booted: `slack` has measured since then."""
+    """The time at which the robots booted: `slack` has measured since then."""
     return time.monotonic()
 
 
@@ -64,7 +64,7 @@ def test_robots_that_get_their_link_are_there_at_once(lab, slack):
 
 
 def asked_for(lab, address):
-    """What ana's kernel finds out about an address by ARP."""
+    """The result of ana's kernel for an address by ARP."""
     probe = f"import socket; socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b'', ('{address}', 9))"
     return lab.run(
         "ana-pc", f'ip neigh flush to {address}; python3 -c "{probe}"; sleep 0.5; ip neigh show to {address}'

@@ -118,7 +118,7 @@ def is_taken_back(output, what, sentence=SENTENCE, least=WITHIN):
 
 
 def recap(output, host):
-    """What the end of a play says of a host: name -> number."""
+    """The summary of a play for a host: name -> number."""
     line = re.search(rf"\b{host} : ((?:\w+=\d+ ?)+)", output)
     assert line, output
     return {name: int(number) for name, number in re.findall(r"(\w+)=(\d+)", line[1])}

@@ -131,7 +131,7 @@ print(json.dumps([
 
 
 def told(lab, robot, caller):
-    """What a robot's discovery tells a caller: the two documents, and the md5 sums."""
+    """The answers of a robot's discovery to a caller: the two documents, and the md5 sums."""
     here = "cid" if caller == "a stranger" else caller
     return json.loads(lab.run(f"{here}-pc", f"python3 - {ADDRESSES[robot]} {ADDRESSES[caller]}", stdin=ASK))
 

@@ -28,7 +28,7 @@ print(json.dumps([[name for name, _nodes in part] for part in (publishers, subsc
 
 
 def known(lab, host, folder):
-    """How many topics of a folder have a publisher on a robot, and how many a subscriber."""
+    """The number of topics of a folder with a publisher on a robot, and the number with a subscriber."""
     return [
         sum(name.startswith(folder) for name in part) for part in json.loads(lab.run(host, "python3 -", stdin=KNOWN))
     ]

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a fleet makes of lost links, lost robots and restarted roscores: three robots, with the defaults.
+"""A fleet with lost links, lost robots and restarted roscores: three robots, with the defaults.
 
 All times are of the kernel's steady clock, which the containers share. The order of the tests is that of a day.
 """
@@ -84,7 +84,7 @@ def rounded(seconds):
 
 
 def log(lab, host, since):
-    """What master_sync said from a moment of the steady clock on."""
+    """The log of master_sync from a moment of the steady clock on."""
     began = time.time() - (time.monotonic() - since)
     return lab.run(host, f"journalctl --unit multimaster-sync --output cat --since @{began:.3f}")
 
@@ -233,12 +233,12 @@ def test_a_roscore_that_remembers_loses_no_registration(lab):
 
 
 def answers(watch, since):
-    """When the roscore answered again."""
+    """The time at which the roscore answered again."""
     return max((at for at, text in watch.events(since) if text == "answers"), default=None)
 
 
 def services(watch, since):
-    """When the last service of both nodes was there, in the new roscore."""
+    """The time at which the last service of both nodes was in the new roscore."""
     new = answers(watch, since)
     found = {text.split()[2]: at for at, text in watch.events(new or 0) if new and text.startswith("+ service")}
     return max(found[name] for name in SERVICES) if found.keys() >= SERVICES else None

@@ -67,7 +67,7 @@ def start_nodes(lab, host):
 
 
 def online(lab):
-    """What each master lists as online: robot -> names."""
+    """The names that each master lists as online: robot -> names."""
     found = {}
     for robot, master in MASTERS.items():
         listed = lab.run(master, "rosservice call /master_discovery/list_masters", check=False)

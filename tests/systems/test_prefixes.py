@@ -56,7 +56,7 @@ def fleet(new_lab):
 
 
 def lacking_names(lab):
-    """What the verification sees of containers with old names."""
+    """The verification's view of containers with old names."""
     arguments = {"name": CID, "is_master": True, "members": MEMBERS, "masters": [], "patience": 1}
     status, output = lab.module(CID, "multimaster_verify", arguments)
     assert status == 0, output

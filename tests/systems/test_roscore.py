@@ -400,7 +400,7 @@ PYTEST = "pytest _pytest pluggy iniconfig packaging pygments py.py"
 
 
 def test_the_cores_unit_tests_pass_with_rosmaster(lab):
-    """Where ROS is not installed, they have a model of rosmaster."""
+    """The tests of the core use a model of rosmaster on a machine without ROS; here they use rosmaster itself."""
     library, inside = Path(pytest.__file__).parents[1], containers.container(lab.name, FIRST)
     lab.run(FIRST, "mkdir -p /tmp/checkout /tmp/pytest")
     nodes = "tests/unit/nodes/rosmaster_model.py tests/unit/nodes/roscore/records.py tests/unit/nodes/roscore/test_master.py"

@@ -184,7 +184,7 @@ def joined(draw):
 
 
 def outside(text):
-    """What of a text stands outside of quotes."""
+    """The part of a text that stands outside of quotes."""
     return re.sub(r'"[^"]*"', "", text)
 
 

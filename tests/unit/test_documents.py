@@ -62,7 +62,7 @@ def anchors(page):
 
 
 def leads(page, link):
-    """What is wrong with a relative link of a page; "" where it leads to a file, and to a heading in it."""
+    """The fault of a relative link of a page; "" if it leads to a file, and to a heading in it."""
     path, _hash, anchor = link.partition("#")
     target = os.path.normpath(os.path.join(os.path.dirname(page), path)) if path else page
     if target not in THERE and target not in FOLDERS:

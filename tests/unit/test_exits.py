@@ -113,7 +113,7 @@ def test_a_way_out_is_used_by_its_door_alone(tree, way):
 
 @pytest.mark.parametrize("tree", DOORS)
 def test_no_program_is_given_the_standard_streams(tree):
-    """What it prints may be anybody's text, so it goes to who reads it, or nowhere."""
+    """A program may print any text, so its output goes to its reader, or nowhere."""
     given = {}
     for path in (ROOT / tree).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -137,7 +137,7 @@ def printed(monkeypatch):
 
 
 def answered(drawn, true, module):
-    """What the controller keeps of an answer that was changed in any way."""
+    """The part that the controller keeps of an answer that was changed in any way."""
     said = hostile_answers.answer(drawn, copy.deepcopy(true), "/mark", HONEST, drawn.choice(SHAPED))
     try:
         return answer.check_answer(said.decode("utf-8", "replace"), answer_of(module)).result
@@ -219,7 +219,7 @@ def test_a_prediction(seed):
 
 
 class Hosts(dict):
-    """What Ansible hands out as hostvars, as far as adopt looks at it."""
+    """The mapping that Ansible hands out as hostvars, as far as adopt looks at it."""
 
     _inventory = types.SimpleNamespace(
         get_host=lambda name: types.SimpleNamespace(get_groups=lambda: [], vars={"ansible_host": name})

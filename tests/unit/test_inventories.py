@@ -36,7 +36,7 @@ def ansible(tool, *arguments):
 
 
 def plan(*inventories, limit="kobuki1"):
-    """What fleet_plan makes of inventories."""
+    """The results of fleet_plan for inventories."""
     options = [word for inventory in inventories for word in ("-i", str(inventory))]
     done = ansible("ansible", "robots", *options, "-m", "rosfleet.multimaster.fleet_plan", "--limit", limit)
     return done.returncode, done.stdout + done.stderr

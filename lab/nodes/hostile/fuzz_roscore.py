@@ -329,7 +329,7 @@ class Test:
         self.figures["slowest start, ms"] = max(self.figures["slowest start, ms"], took)
 
     def slack(self):
-        """How much longer all may take, since others work on this machine."""
+        """The factor by which all may take longer, since others work on this machine."""
         return max(1.0, os.getloadavg()[0] / max(1, os.cpu_count() or 1))
 
     def register(self):

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""How services of the collection ended last, as systemd and multimaster-watchdog.service have written to the journal."""
+"""The last ends of the collection's services, as systemd and multimaster-watchdog.service have written them to the journal."""
 
 import json
 import re

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How long each task of a run took, where, and what it changed, into the JSON file of TASK_TIMES_FILE."""
+"""The duration, the host and the change of each task of a run, into the JSON file of TASK_TIMES_FILE."""
 
 import json
 import os

@@ -86,7 +86,7 @@ def held(lab: Lab, host: str = TAKER) -> str:
 
 
 def first_after(lab: Lab, moment: float) -> float:
-    """When the first message after a moment was heard."""
+    """The time at which the first message after a moment was heard."""
     times = map(float, lab.run(TAKER, "cat /run/listener.out").split())
     return next(at for at in times if at > moment)
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How fast the network of a fleet is: bundled nodes with each kind of roscore, and multimaster_fkie beside them.
+"""The speed of a fleet's network: bundled nodes with each kind of roscore, and multimaster_fkie beside them.
 
 python tests/bench/network/network.py [--fkie CHECKOUT] [--quick] [SYSTEM]...
 

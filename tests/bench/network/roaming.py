@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How soon a robot is back after it changed its network, with the WireGuard of a kernel, which the lab does not have.
+"""The seconds until a robot is back after it changed its network, with the WireGuard of a kernel, which the lab does not have.
 
     apt-get install --no-install-recommends qemu-system-x86 busybox-static cpio iputils-ping wireguard-tools
     python tests/bench/network/roaming.py

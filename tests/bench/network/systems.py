@@ -67,7 +67,7 @@ def running(system: System, fkie: Path | None = None) -> Iterator[Lab]:
 
 
 def list_mounts(fkie: Path | None) -> tuple[str, ...]:
-    """What a computer sees of this machine to run the nodes of a checkout of multimaster_fkie."""
+    """The folders of this machine that a computer sees, to run the nodes of a checkout of multimaster_fkie."""
     messages = ROOT / "roles/nodes/files/python/fkie_multimaster_msgs"
     places = {"/opt/fkie": fkie, "/opt/interop": INTEROP, "/opt/messages/fkie_multimaster_msgs": messages}
     return tuple(f"{source}:{target}" for target, source in places.items())

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a tunnel costs: the same two computers without one, and with it.
+"""The cost of a tunnel: the same two computers without one, and with it.
 
     python tests/bench/network/tunnel.py
 

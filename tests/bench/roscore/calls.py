@@ -62,7 +62,7 @@ def used(process):
 
 
 def known():
-    """How many of the registrations it knows."""
+    """The number of registrations that it knows."""
     publishers = ROSCORE.getSystemState("/bench")[2][0]
     return sum(len(nodes) for topic, nodes in publishers if topic.startswith("/bench_"))
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What it costs a roscore to remember: the same calls with its journal, with sqlite3, with nothing, and with that of ROS.
+"""The cost of a roscore's memory: the same calls with its journal, with sqlite3, with nothing, and with that of ROS.
 
     python tests/bench/roscore/stores.py [--calls 3000] [--rounds 3]
 

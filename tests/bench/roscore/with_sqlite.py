@@ -31,7 +31,7 @@ def opened(folder):
 
 
 def thing(record):
-    """What a record is about."""
+    """The thing that a record is about, as a key."""
     return json.dumps(record.row[:4] if record.kind in USERS else record.row[:2])
 
 

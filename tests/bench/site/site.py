@@ -252,7 +252,7 @@ def without_form(state: dict[str, Any], bench: Bench, host: str) -> dict[str, An
 
 
 def differences(bench: Bench, one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    """What differs between two states, a line each, without form and without our records."""
+    """The differences between two states, a line each, without form and without our records."""
     return [f"{host}: {line}" for host in bench.hosts for line in snapshot.compare(one[host], other[host])]
 
 
@@ -324,7 +324,7 @@ def seconds(runs: Sequence[Run]) -> list[float]:
 
 
 def ratio(runs: Mapping[str, Sequence[Run]], without: str = "") -> float:
-    """How many times faster site.yml is, by the medians; without the tasks that have a word in their name, if asked."""
+    """The factor by which site.yml is faster, by the medians; without the tasks that have a word in their name, if asked."""
     ours, theirs = (
         statistics.median(
             run.seconds - sum(task["seconds"] for task in run.tasks if without and without in task["task"])
@@ -367,7 +367,7 @@ PARTS = ("controller", "transfers", "systems")
 
 
 def places(runs: Mapping[str, Sequence[Run]]) -> str:
-    """Where the seconds go: of the clock, and of the processors on each side. What is missing to the cores was waited."""
+    """The seconds by their place: of the clock, and of the processors on each side. The rest of the cores' time was waited."""
     cores = os.cpu_count() or 1
     lines = ["Seconds of processors in a run (median), by where they are spent:", ""]
     lines.append(f"  {'':<20}{'by the clock':>14}" + "".join(f"{part:>13}" for part in PARTS) + f"{'idle':>9}")

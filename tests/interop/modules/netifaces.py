@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What multimaster_fkie uses of the package netifaces, which the lab's computers do not have.
+"""The part of the package netifaces that multimaster_fkie uses, which the lab's computers do not have.
 
 Without it, multimaster_fkie needs a method that went with Python 3.9.
 """

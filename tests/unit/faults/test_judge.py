@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What counts as named first, in both forms of the report."""
+"""The part that counts as named first, in both forms of the report."""
 
 import catalogue
 import judge

@@ -106,7 +106,7 @@ print(json.dumps(answers))
 @pytest.mark.root
 @pytest.mark.skipif(bool(why_not()), reason=why_not())
 def test_libc_answers_the_planned_addresses(tmp_path):
-    """Where no line of others has the name with another address, which the report names as a conflict."""
+    """Names for which a line of others has another address are left out: the report names each as a conflict."""
     fleet, asked, expected = bindings_of(ENTRIES[:3]), [], []
     for name, content in field.read("hosts").items():
         made = plan(content, fleet)

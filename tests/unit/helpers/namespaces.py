@@ -22,7 +22,7 @@ COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
 
 @functools.cache
 def why_not(*tried):
-    """Why no network namespace can be made in which this command works; "" where one can."""
+    """The reason why this command works in no network namespace; "" if it works in one."""
     if os.geteuid() != 0:
         return "needs root, to make network namespaces"
     absent = [tool for tool in TOOLS if not shutil.which(tool)]

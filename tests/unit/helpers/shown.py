@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What multimaster_info would show of machines that were set up by hand as a plan says, and inventories as Ansible reads them."""
+"""Answers of multimaster_info for machines that were set up by hand as a plan says, and inventories as Ansible reads them."""
 
 import pathlib
 

@@ -74,7 +74,7 @@ def address(text):
 
 
 def info_of(machine, owned=()):
-    """What multimaster_info returns of a machine: its own table of the packet filter is not among the chains."""
+    """The answer of multimaster_info for a machine: its own table of the packet filter is not among the chains."""
     return {
         "owned": list(owned),
         "interfaces": [

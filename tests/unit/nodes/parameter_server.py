@@ -79,5 +79,5 @@ class ParameterServer:
         return self.asked > count
 
     def own(self):
-        """What is there, without the record."""
+        """The parameters, without the record."""
         return {name: value for name, value in self.tree.items() if name != "rosfleet_multimaster"}

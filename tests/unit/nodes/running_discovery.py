@@ -181,7 +181,7 @@ def move(lab):
 
 
 def send_before_closing(lab):
-    """What is to be sent goes before the sockets close, since the link has come back."""
+    """Messages to send leave before the sockets close, since the link has come back."""
 
     def is_up():
         return (

@@ -337,7 +337,7 @@ def test_silent_connections_of_one_computer_shut_nobody_out(station):
 
 
 def count_dials(port):
-    """How many connections to a port of the hostile robot have no answer yet (state 2 of /proc/net/tcp)."""
+    """The number of connections to a port of the hostile robot without an answer yet (state 2 of /proc/net/tcp)."""
     rows = [line.split() for line in pathlib.Path("/proc/net/tcp").read_text().splitlines()]
     return sum(row[2:4] == [f"0200007F:{port:04X}", "02"] for row in rows)
 

@@ -81,7 +81,7 @@ CONCERNS = ("environment", "firewall", "hosts", "multicast_routing", "nodes", "r
 
 @pytest.mark.parametrize("name", CONCERNS)
 def test_a_concern_is_one_task_which_the_whole_computer_has_too(name):
-    """What a role hands over, the role of the whole computer hands over with the same variables."""
+    """The role of the whole computer hands over the same variables as each role."""
     tasks = [
         task for task in read(ROLES[0].parent / name / "tasks/main.yml") if "ansible.builtin.import_role" not in task
     ]

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Whether this process can replace a file: asked before anything changes, so also in check mode."""
+"""The right of this process to replace a file: asked before anything changes, so also in check mode."""
 
 import errno
 import fcntl

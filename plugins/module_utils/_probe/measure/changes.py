@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""When files and services of this computer were changed or started that may decide its names and its packet filter.
+"""The times at which files and services of this computer were changed or started that may decide its names and its packet filter.
 
 A kernel does not report since when a rule is there. Its table and its chain show its maker (_verify/diagnose/onset.py of the controller).
 """

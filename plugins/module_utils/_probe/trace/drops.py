@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""Why the kernel drops packets, if tracefs shows it: the event skb:kfree_skb (Documentation/trace/events.rst), since Linux 5.17.
+"""The reasons of the kernel for dropping packets, if tracefs shows them: the event skb:kfree_skb (Documentation/trace/events.rst), since Linux 5.17.
 
 The event says neither which packet nor in which network namespace. So a reason is a hint, as a counter is, and it is that of the whole
 kernel: containers with tracefs share it.

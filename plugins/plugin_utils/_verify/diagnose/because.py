@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Why a finding was made: its evidence, the rows that it explains, and the rivals with the successes that cleared them.
+"""The reasons for a finding: its evidence, the rows that it explains, and the rivals with the successes that cleared them.
 
 It asks the scene of a diagnosis after all is decided, and changes nothing.
 """

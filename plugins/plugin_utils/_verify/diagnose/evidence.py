@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Why a finding was made, as data: its evidence, the results that it explains, the rivals and the successes that cleared them."""
+"""The reasons for a finding, as data: its evidence, the results that it explains, the rivals and the successes that cleared them."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class WeighedRival:
 
 @dataclass(frozen=True)
 class Because:
-    """Why a finding was made."""
+    """The reasons for a finding."""
 
     rule: str  # the decision rule that won
     title: str  # its words

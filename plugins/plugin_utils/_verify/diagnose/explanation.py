@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Why a finding was made, in ten lines for a person: plain data of a document in, labelled lines out. Pure."""
+"""The reasons for a finding, in ten lines for a person: plain data of a document in, labelled lines out. Pure."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class Finding:
 
     @property
     def sure(self) -> str:
-        """How sure it is: a value showed it, packets were seen to end there, or it explains most."""
+        """The certainty of the finding: a value showed it, packets were seen to end there, or it explains most."""
         return SEEN if self.proof else LOCATED if self.followed else INFERRED
 
     @property

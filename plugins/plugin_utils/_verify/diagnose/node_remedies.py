@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How a person's node is started right: in the shell, the unit, the launch file or the container that has started it.
+"""The right start of a person's node: in the shell, the unit, the launch file or the container that has started it.
 
 Pure: the facts of its process in, advices out.
 """

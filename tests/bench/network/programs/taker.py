@@ -26,7 +26,7 @@ class Giver:
         self.lines = socket.create_connection((address, port)).makefile("rw")
 
     def ask(self, order, wanted):
-        """When it was done: (before, after)."""
+        """The times before and after it was done."""
         self.lines.write(json.dumps([order, wanted]) + "\n")
         self.lines.flush()
         return json.loads(self.lines.readline())

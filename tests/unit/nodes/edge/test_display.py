@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""When a node publishes and writes."""
+"""The times at which a node publishes and writes."""
 
 import pytest
 from fleet_of_one import TIBI, URI

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the nodes write: one record is one line, whatever is in it; what is printed is plain."""
+"""The journal of the nodes: one record is one line, whatever is in it; each print is plain."""
 
 import io
 import logging

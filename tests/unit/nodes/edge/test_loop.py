@@ -124,7 +124,7 @@ def test_a_recurring_job_in_the_loop_has_ended_when_it_returns():
 
 @pytest.fixture(name="systemd")
 def _systemd(tmp_path, monkeypatch):
-    """What systemd hears of this process, which is to tell it each 0.4 s that it turns."""
+    """The messages to systemd of this process, which is to say each 0.4 s that it turns."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(str(tmp_path / "notify"))
         listening.settimeout(5.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who belongs to the fleet."""
+"""The members of the fleet."""
 
 import pytest
 from fleet_of_one import ROUTER, TIBI, URI

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What roscore has beside rosmaster: parameters, and the node rosout."""
+"""The parts of roscore beside rosmaster: parameters, and the node rosout."""
 
 import os
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whose the other end of a connection is, as the kernel says; with real connections, and another user where this one is root."""
+"""The owner of the other end of a connection, as the kernel says; with real connections, and another user where this one is root."""
 
 import os
 import socket

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the roscore has refused: counted, told at most every two seconds, and read where the roscore is followed."""
+"""Refusals of the roscore: counted, told at most every two seconds, and read where the roscore is followed."""
 
 from rosfleet_multimaster.discovery.core.report import roscore
 from rosfleet_multimaster.protocol.messages import OK

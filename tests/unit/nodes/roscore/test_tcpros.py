@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who provides a service: asked of a server that answers as roscpp and rospy do."""
+"""The provider of a service: asked of a server that answers as roscpp and rospy do."""
 
 import contextlib
 import socket

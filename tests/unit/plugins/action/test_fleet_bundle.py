@@ -134,7 +134,7 @@ def test_no_secret_is_in_any_file(tmp_path, monkeypatch, anonymous):
 
 
 def test_variables_of_the_collection_are_in_it(tmp_path):
-    """What is listed stays: the options of roles, the fleet's variables and their values."""
+    """The listed variables stay: the options of roles, the fleet's variables and their values."""
     assert {"verify_bundle", "verify_pairs", "firewall_backend"} <= fleet_bundle.read_options().keys()
     bundle(fleets.fig12(), tmp_path / "x.zip", logs=["waits for report.json at 192.168.11.100 by eth0"])
     assert "waits for report.json at 192.168.11.100 by eth0" in texts(tmp_path / "x.zip")["logs/tibi-nav.txt"]

@@ -17,7 +17,7 @@ FILES = [{"bundle": "x", "files": []}]
 
 
 def answer(diff=(), **concerns):
-    """What the module returns."""
+    """The result of the module."""
     every = [one for results in concerns.values() for one in results]
     return {
         "changed": any(one["changed"] for one in every),

@@ -68,7 +68,7 @@ def test_a_missing_folder_and_a_binary_file_are_sentences(source):
 
 
 def ansible(source, expression):
-    """What Ansible itself makes of a template."""
+    """The text that Ansible itself makes of a template."""
     collections = next(parent for parent in Path(file_tree.__file__).parents if parent.name == "ansible_collections")
     argument = json.dumps({"msg": "{{ %s }}" % expression.replace("SOURCE", f"'{source}'")})
     answer = subprocess.run(

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What multimaster_info reads of a machine: real commands, sockets and files where there are some."""
+"""The answer of multimaster_info about a machine: real commands, sockets and files where there are some."""
 
 import json
 import os

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What threads took of the C library's memory is given back."""
+"""Memory of the C library that threads took is given back."""
 
 import pathlib
 import subprocess

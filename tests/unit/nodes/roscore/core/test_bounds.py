@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a roscore takes: what values count, and that the sums stay right whatever changes."""
+"""The bounds of a roscore: the values that count, and that the sums stay right whatever changes."""
 
 import json
 import pathlib

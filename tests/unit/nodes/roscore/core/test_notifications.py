@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which node is told what next."""
+"""The order in which nodes are notified."""
 
 import pytest
 from rosfleet_multimaster.roscore.core import notifications

@@ -163,6 +163,6 @@ def test_drawn_changes_never_touch_what_others_have_set(seed):
 
 
 def _is_mixed(tree, leaf):
-    """Whether somebody else has put a value into a namespace of ours: then all of it is theirs."""
+    """Return True if a program of others has put a value into a namespace of ours: then all of it is theirs."""
     top = find(tree, leaf[1:].split("/")[0])
     return isinstance(top, dict) and any(str(find(top, name[1:])).startswith("own") for name in leaves(top))

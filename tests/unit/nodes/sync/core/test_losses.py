@@ -157,7 +157,7 @@ def test_a_node_of_a_master_that_is_there_is_never_cut_off():
 
 
 def lost(members, master, claims):
-    """What is ended for a master that claims nodes and is lost: `claims` is URI of a node -> addresses of its host."""
+    """The connections that are ended for a lost master that claims nodes: `claims` is URI of a node -> addresses of its host."""
     losses, own = Losses(Members.from_parameters({"members": members})), "http://robot1:30000/"
     view = View({}, {"/chatter": ["/listener"]}, {}, {}, {"/listener": own})
     held = {Registration("publisher", "/chatter", f"/node{number}", uri): master for number, uri in enumerate(claims)}

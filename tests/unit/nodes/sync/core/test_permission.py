@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which connections may be ended."""
+"""The connections that may be ended."""
 
 import pytest
 from rosfleet_multimaster.protocol.members import Members

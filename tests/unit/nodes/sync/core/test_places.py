@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the nodes of another master may be."""
+"""The places where the nodes of another master may be."""
 
 import pytest
 from fleet_of_one import ROUTER, TIBI, URI

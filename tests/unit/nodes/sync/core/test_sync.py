@@ -288,7 +288,7 @@ def test_stamps_that_never_match_do_not_make_a_loop():
 
 
 def test_a_stamp_that_the_next_beat_corrects_ends_no_connection():
-    """Who was silent is asked over TCP. The answer has one stamp, of own nodes and of others', until the next heartbeat."""
+    """A silent master is asked over TCP. The answer has one stamp, of own nodes and of others', until the next heartbeat."""
     sync = core()
     sync.take_announcement(announced(1.0), 0.0)
     sync.take_fetch(fetch(sync, 0.1), state(1.0), 0.2, following=True)

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a process may do, asked before a change."""
+"""The rights of a process, asked before a change."""
 
 import os
 

@@ -15,7 +15,7 @@ CHAIN = "add chain ip t c { type filter hook forward priority 0; policy drop; };
 
 
 def read(script, program="nft -f -", told=filters.chains):
-    """What is told of the rules that a script makes."""
+    """The answer about the rules that a script makes."""
     run = ["unshare", "--net", "sh", "-ec", f"{program}; nft -j list ruleset"]
     done = subprocess.run(run, input=script, capture_output=True, text=True, check=True)
     return told(json.loads(done.stdout))

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What becomes of packets where something is wrong: a table of changes, and the same changes before a real kernel."""
+"""The fate of packets in a network with a fault: a table of changes, and the same changes before a real kernel."""
 
 import ctypes
 import json
@@ -319,11 +319,11 @@ class Namespaces:
         return found[0]
 
     def pings(self, start, others):
-        """What the probe of the verification says of these addresses."""
+        """The results of the verification's probe for these addresses."""
         return self.inside(start, network.ping, others, 2, 0.7)
 
     def info(self, machine):
-        """What multimaster_info reads there."""
+        """The answer of multimaster_info there."""
         return self.inside(machine, look_at.look, {"parts": list(facts.NEEDED)})
 
     def next_hop(self, start, other):

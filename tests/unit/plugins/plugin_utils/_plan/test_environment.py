@@ -45,7 +45,7 @@ def rendered(environment, info=None):
 
 
 def sourced(content, before=None, shell="sh", options="-eu"):
-    """What a shell has after reading a profile; it must print nothing."""
+    """The environment of a shell after reading a profile; it must print nothing."""
     script = '. "$FILE"; unset FILE; printf "\\0\\0"; exec env -0'
     path = pathlib.Path(os.environ["SCRATCH"]) / "profile.sh"
     path.write_text(content)
@@ -59,7 +59,7 @@ def sourced(content, before=None, shell="sh", options="-eu"):
 
 
 def generated(content, before=None):
-    """What systemd's own generator makes of a file of environment.d."""
+    """The environment that systemd's own generator makes of a file of environment.d."""
     folder = pathlib.Path(os.environ["SCRATCH"]) / "environment.d"
     folder.mkdir(exist_ok=True)
     (folder / "90-test.conf").write_text(content)
@@ -334,7 +334,7 @@ def test_a_router_has_no_files_and_was_not_looked_at_for_any():
 
 
 def test_lists_of_both_sides_agree():
-    """What the module strips of the system's entries, the renderers treat as lists."""
+    """The renderers treat as lists the variables that the module strips of the system's entries."""
     assert set(ros._LISTS) <= set(environment_module.LISTS)
     assert re.fullmatch(r"[A-Z_ ]+", " ".join(environment_module.LISTS))
 

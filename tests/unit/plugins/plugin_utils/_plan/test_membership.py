@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who belongs to the fleet: addresses and URIs of each robot, on gateways and behind them."""
+"""The members of the fleet: addresses and URIs of each robot, on gateways and behind them."""
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory import read

@@ -70,7 +70,7 @@ class Loop:
 
     @property
     def queue_length(self) -> int:
-        """How many calls wait."""
+        """The number of calls that wait."""
         return self._posted.qsize()
 
     def wake(self) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who belongs to the fleet: which address may be which master, the places of its nodes, and who may ask for the state.
+"""The members of the fleet: the addresses of each master, the places of its nodes, and the computers that may ask for the state.
 
 ~members has the robots of the fleet. A master of one of them is this robot only at its planned addresses, whatever
 ~strangers says. Every other computer is a stranger: allowed, or ignored. Without ~members every computer is allowed.
@@ -107,7 +107,7 @@ class Members:
         return self._by_host.get(address) or (ALLOWED if address in self.allow else STRANGERS)
 
     def find_refusal(self, uri: str, name: str, address: str) -> str:
-        """Why the master that calls itself so, at this address, is none to exchange with; empty if it is one."""
+        """The reason for exchanging nothing with the master that calls itself so at this address; empty if it is a member."""
         member = self.master(uri)
         if member is not None:
             if address not in member.addresses:

@@ -309,7 +309,7 @@ NEVER_CROSSING = (
 
 
 def problem_of_parameter(name: Any) -> str:
-    """Why no parameter of this name crosses; empty if it may."""
+    """The reason that keeps a parameter of this name from crossing; empty if it may cross."""
     if not isinstance(name, str) or len(name) > 255 or not _CROSSING_NAME.fullmatch(name):
         return "it is no whole name such as /robot_description"
     if "/" + name.split("/")[1] in NEVER_CROSSING:

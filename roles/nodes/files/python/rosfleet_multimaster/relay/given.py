@@ -28,7 +28,7 @@ Found = Tuple[View, imports.Claims]  # one reading
 
 
 class Provider(NamedTuple):
-    """How the provider of a service is reached, or the relay that has it."""
+    """The way to the provider of a service, or to the relay that has it."""
 
     dial: Dial
     robot: str  # whose it is

@@ -115,7 +115,7 @@ class Wire:
             self._counted = 0
 
     def count_skipped(self) -> int:
-        """How many messages were not taken: too long, or too much at once."""
+        """The number of refused messages: too long, or too much at once."""
         return self._reader.skipped
 
     def limit_silence(self) -> None:

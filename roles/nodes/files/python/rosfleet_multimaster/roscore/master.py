@@ -346,7 +346,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
             self.callbacks.on_leaving(arguments[0], self.reg_manager.nodes[arguments[0]].api)
 
     def _plan_parameters(self, name: str, key: str, arguments: Tuple[Any, ...]) -> Change:
-        """How much heavier the parameters of each robot get by a call. Raises BoundRefusal. rosmaster answers wrong arguments."""
+        """The weight that a call adds to the parameters of each robot. Raises BoundRefusal. rosmaster answers wrong arguments."""
         if not key:
             return Change({})
         tree = self.param_server.parameters

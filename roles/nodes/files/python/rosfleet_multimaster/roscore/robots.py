@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which robot has the computer at an address, by the file with the parameters of master_discovery.
+"""The robot that has the computer at an address, by the file with the parameters of master_discovery.
 
 It is read again when it has changed: a robot that is added restarts no roscore. Without it, each address is a robot.
 """

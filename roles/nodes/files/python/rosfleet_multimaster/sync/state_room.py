@@ -19,7 +19,7 @@ ALL = 200_000  # in all states together: some 250 MB, which is half of the unit'
 
 
 class StateRoom:
-    """How many registrations the state of each master may have, and has."""
+    """The number of registrations that the state of each master may have, and has."""
 
     def __init__(self, members: Members, most: int = ALL) -> None:
         """`most`: in all states together."""

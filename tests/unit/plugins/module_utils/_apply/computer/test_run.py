@@ -119,7 +119,7 @@ def carry_out():
 
 
 def there(tmp_path):
-    """What is brought, and the switches that wait."""
+    """The files that were brought, and the switches that wait."""
     return {path.name for path in tmp_path.iterdir() if path.name != "run"} | {
         path.name for path in (tmp_path / "run").glob("*")
     }

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the kernel makes of values, asked in an empty network namespace; the module's own use of it is in test_run.py."""
+"""The kernel's own reading of values, asked in an empty network namespace; the module's own use of it is in test_run.py."""
 
 import pathlib
 import shutil

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What cannot be written is said before anything changes, with what to do."""
+"""Files that cannot be written are named before anything changes, with the advice."""
 
 import os
 import subprocess

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""When the files and services were changed that may decide names and packet filters."""
+"""The times at which files and services were changed that may decide names and packet filters."""
 
 import os
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Whose the services of discovery and sync nodes are: names of all implementations, and places that may be anywhere."""
+"""The owners of the services of discovery and sync nodes: names of all implementations, and places that may be anywhere."""
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node_services

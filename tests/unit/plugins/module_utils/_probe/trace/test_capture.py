@@ -132,6 +132,6 @@ def test_what_comes_in_for_a_port_is_for_the_bond_above():
 
 
 def test_a_tag_in_the_header_is_read_over():
-    """Where the interface of a VLAN leaves it in, or a port cannot put it in itself."""
+    """The tag is in the header if the interface of a VLAN leaves it in, or if a port cannot put it in itself."""
     (found,) = capture.read_packets(Link(capture.OUTGOING, b"\x81\x00\x00\x0a\x08\x00", capture.VLAN), TAG, 9, {})
     assert (found.port, found.source_mac, found.target_mac) == (11311, *MACS)

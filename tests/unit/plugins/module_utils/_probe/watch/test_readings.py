@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: BSD-2-Clause
 
-"""What a watch reads: this machine's own values, and tables of the kernel."""
+"""The readings of a watch: this machine's own values, and tables of the kernel."""
 
 import random
 import socket

@@ -16,7 +16,7 @@ OURS = ("services", "environment", "packet_filter", "next_boot_unit", "parameter
 
 
 def _found(**values):
-    """What preflight found on the first computer; nothing of the collection's runs there."""
+    """The facts that preflight found on the first computer; no program of the collection runs there."""
 
     def change(seen):
         update(seen[ONE], found=MachineState(**values))

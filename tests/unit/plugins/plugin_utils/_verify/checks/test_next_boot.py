@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What works now and not after the next boot: one part for each kind of it, and nothing else is suspected."""
+"""Things that work now and not after the next boot: one part for each kind of it, and nothing else is suspected."""
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState

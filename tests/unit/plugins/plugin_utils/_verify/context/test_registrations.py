@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is to pass between robots, and what is found where their roscores hold something else."""
+"""The registrations that are to pass between robots, and the findings if their roscores hold other ones."""
 
 import dataclasses
 import sys
@@ -61,7 +61,7 @@ def component(topics=(), services=()):
 
 
 def holds(own, **imports):
-    """What a roscore holds: own registrations, and those of other robots by their letters."""
+    """The content of a roscore: own registrations, and those of other robots by their letters."""
     found = tuple(Import(f"http://{robot}1:11311/", it.topics, it.services) for robot, it in imports.items())
     return dataclasses.replace(own, imports=found)
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Why a finding was made: the rule that won, what has shown it, and what cleared the rivals."""
+"""The reasons for a finding: the rule that won, its evidence, and the successes that cleared the rivals."""
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification

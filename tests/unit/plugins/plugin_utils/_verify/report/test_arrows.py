@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who discovers whom: an arrow for each, told by its line and sign, not by colour alone."""
+"""Arrows of discovery: one for each ordered pair, told by its line and sign, not by colour alone."""
 
 from xml.etree import ElementTree
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is registered."""
+"""The content of the report: its robots, and the registrations that cross."""
 
 import fleets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import RELAY

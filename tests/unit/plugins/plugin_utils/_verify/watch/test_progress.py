@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a watch over the fleet tells: progress, and the moment and place of the first loss."""
+"""The report of a watch over the fleet: progress, and the moment and place of the first loss."""
 
 from dataclasses import replace
 

@@ -60,7 +60,7 @@ class Life:
             self._ask_later(entry, news)
 
     def find_refusal(self, key: Key, contact: Optional[Contact]) -> str:
-        """Why nothing is exchanged with a master that answers so; empty if there is no reason."""
+        """The reason for exchanging nothing with a master that answers so; empty if it may be exchanged with."""
         return "" if contact is None else self._members.find_refusal(contact.uri, contact.name, key[0])
 
     def _refuse(self, entry: Peer, contact: Contact, refusal: str, now: float) -> None:

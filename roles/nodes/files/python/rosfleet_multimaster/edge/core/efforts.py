@@ -30,7 +30,7 @@ class Efforts:
         self._at = 0.0
 
     def __len__(self) -> int:
-        """How many parties have not paid back all."""
+        """The number of parties with debts."""
         return len(self._debts)
 
     def spend(self, party: str, seconds: float, now: float) -> None:
@@ -49,7 +49,7 @@ class Efforts:
         return party if party in self._debts or len(self._debts) < MOST else REST
 
     def _find_rate(self, account: str) -> float:
-        """How many seconds a second a party that has debts pays back."""
+        """The seconds that a party with debts pays back in a second."""
         return min(self._others.get(account, self._share), self._together / max(1, len(self._debts)))
 
     def _pay_back(self, now: float) -> None:

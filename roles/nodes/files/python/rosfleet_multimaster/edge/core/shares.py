@@ -64,6 +64,6 @@ class Shares:
         return self.counts[party]
 
     def _find_excess(self, party: str, number: int) -> int:
-        """How much more than its reserve a party would have."""
+        """The amount by which a party would exceed its reserve."""
         kept, before = self._kept.get(party, 0), self.counts[party]
         return max(0, before + number - kept) - max(0, before - kept)

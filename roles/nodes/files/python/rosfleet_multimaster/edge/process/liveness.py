@@ -17,7 +17,7 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 
 
 class Limits(NamedTuple):
-    """When a process is judged, in seconds."""
+    """The times of a judgement on a process, in seconds."""
 
     silence: float = 30.0  # since its last sign of life
     spent: float = 20.0  # of a processor, in this time
@@ -104,7 +104,7 @@ class Silence:
         return sample.started == self._first.started
 
     def find_hang(self, age: float, limits: Limits) -> str:
-        """Why it hangs; "" if it does not. `age`: seconds since its last sign of life."""
+        """The reason to think that it hangs; "" if it does not hang. `age`: seconds since its last sign of life."""
         if age < limits.silence:
             return ""
         spent = self._last.spent - self._first.spent

@@ -90,5 +90,5 @@ class Outbox:
         self._budget.release(message)
 
     def __len__(self) -> int:
-        """How many messages wait."""
+        """The number of messages that wait."""
         return len(self._waiting)

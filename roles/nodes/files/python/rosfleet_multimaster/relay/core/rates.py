@@ -98,7 +98,7 @@ class RateLimit:
 
     @property
     def due(self) -> Optional[float]:
-        """When the message that waits is to pass; None if none waits. A newer one is expected before."""
+        """The time at which the waiting message is to pass; None if no message waits. A newer one is expected before."""
         return None if self._waiting is None else self._free + min(self._period, 2 * self._pause)
 
     def release(self, now: float) -> Optional[bytes]:
@@ -139,7 +139,7 @@ class TreeThrottle:
 
     @property
     def dropped(self) -> int:
-        """How many transforms or messages did not leave."""
+        """The number of transforms or messages that did not leave."""
         return self._skipped + sum(throttle.dropped for throttle in self._frames.values())
 
     @property
@@ -173,7 +173,7 @@ class TreeThrottle:
 
     @property
     def due(self) -> Optional[float]:
-        """When a transform that waits is to pass; None if none waits."""
+        """The time at which a waiting transform is to pass; None if no transform waits."""
         return min(
             (due for due in (throttle.due for throttle in self._frames.values()) if due is not None), default=None
         )

@@ -147,7 +147,7 @@ class Usage:
         ] = {}  # (kind, name) of the entries that each name has once: their weight
 
     def growth(self, tree: Dict[str, Any], name: str, value: Any) -> int:
-        """How much heavier the tree of parameters gets with this value. Raises BoundRefusal."""
+        """The weight that this value adds to the tree of parameters. Raises BoundRefusal."""
         parts = split_name(name)
         if len(parts) > BOUNDS["depth"].most:
             raise refuse("depth", name)
@@ -180,7 +180,7 @@ class Usage:
 
 
 def _growth(tree: Dict[str, Any], parts: Sequence[str], new: int) -> int:
-    """How much heavier the tree gets with a parameter of the weight `new`, which replaces the value that is there."""
+    """The weight that the tree gains by a parameter of the weight `new`, which replaces the value that is there."""
     if not parts:
         return new - weigh(tree)
     within, at = descend(tree, parts)

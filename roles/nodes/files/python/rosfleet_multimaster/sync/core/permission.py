@@ -13,7 +13,7 @@ Endpoint = Tuple[str, int]
 
 
 def find_refusal(members: Members, local: Endpoint, remote: Endpoint, own: Collection[str]) -> str:
-    """Why this connection may not be ended; empty if it may. `own`: the addresses of this computer."""
+    """The reason for keeping this connection; empty if it may be ended. `own`: the addresses of this computer."""
     if remote[0] in own:
         return f"{remote[0]} is this computer"
     if not members.knows(remote[0]):
