@@ -251,6 +251,7 @@ def there(tmp_path, monkeypatch):
     return types.SimpleNamespace(folder=tmp_path, patch=monkeypatch)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PLACES)
 def test_a_foreign_name_stands_in_quotes_on_one_line(place, there):
     lines = (

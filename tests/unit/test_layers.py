@@ -121,6 +121,7 @@ CASES = [(tree, path) for tree in ROOMS for path in sources(tree)]
 IDS = [str(path.relative_to(ROOT)) for _tree, path in CASES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tree", "path"), CASES, ids=IDS)
 def test_a_room_imports_only_what_stands_below_it(tree, path):
     room, imported = rooms_of(tree, path)
@@ -240,6 +241,7 @@ def list_foreign_imports(path):
                 )
 
 
+@pytest.mark.slow
 def test_the_face_of_a_room_is_what_others_import():
     used, private = {}, set()
     for path in [*sources("plugins"), *sources(NODES)]:

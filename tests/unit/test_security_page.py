@@ -85,6 +85,7 @@ def test_each_mark_is_defined_and_each_definition_is_used(page, least):
     assert page.count("[✓]") == sum(1 for _mark in MARK.finditer(page)), "each mark has a name"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "tests"),
     sorted({(path, tests) for _name, path, tests in DEFINITION.findall(PAGE + EVIDENCE)}),

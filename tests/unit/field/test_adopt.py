@@ -63,6 +63,7 @@ def all_sentences(proposal):
     return [*proposal.guesses(), *proposal.left_out.values()]
 
 
+@pytest.mark.slow
 @given(infos=fleets())
 @field.tries(2)
 def test_adopt_tells_no_falsehood(infos):
@@ -95,6 +96,7 @@ def test_adopt_tells_no_falsehood(infos):
     assert set(yaml.safe_load(files["hosts.yml"])["robots"]["children"]) == {robot.name for robot in proposal.robots}
 
 
+@pytest.mark.slow
 @given(infos=fleets())
 @field.tries()
 def test_single_addresses_of_the_common_network_are_discovered_by_unicast(infos):

@@ -81,6 +81,7 @@ def rows_are_true(home, rows, exported):
             assert "=" in row["text"] or row["text"].endswith("...")  # built at run time, as by eval or by a loop
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(CASES))
 def test_a_persons_shells_are_told_as_they_are(name):
     case = CASES[name]

@@ -45,6 +45,7 @@ def plant(root, tree):
     init.symlink_to("/lib/systemd/systemd")
 
 
+@pytest.mark.slow
 @given(tree=TREES)
 @field.tries()
 def test_the_line_that_is_told_to_decide_says_so(tree):
@@ -70,6 +71,7 @@ for key; do tr '\\t\\n' '  ' <"/proc/sys/$key"; echo; done
 """
 
 
+@pytest.mark.slow
 @pytest.mark.root
 @pytest.mark.skipif(os.geteuid() != 0 or not os.path.exists(SYSTEMD_SYSCTL), reason="needs root and systemd")
 @given(tree=TREES)

@@ -285,6 +285,7 @@ def test_a_request_with_an_endless_head_is_ended(server, line):
     assert b"200 OK" in server.raw(post(CALL, "A: " + "x" * 10_000 + "\r\n"))
 
 
+@pytest.mark.slow
 def test_a_request_of_one_byte_a_second_is_ended(server, monkeypatch):
     monkeypatch.setattr(rpc_server, "_MAX_SECONDS", 2.0)
     with server.connect(wait=10.0) as slow:
@@ -490,6 +491,7 @@ for _count in range(8):
 """
 
 
+@pytest.mark.slow
 def test_a_flood_of_costly_requests_takes_its_share_and_a_friend_is_answered(server):
     server.server.throttle = Throttle(0.2, 0.5, 0.2, 5.0)
     seconds, slowest = 8.0, 0.0  # the latter in seconds of this process's processor time, as of Running

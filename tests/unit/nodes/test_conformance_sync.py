@@ -75,6 +75,7 @@ def test_16_c_discovery_is_known_by_its_type_and_service_names(lab):
     assert lab.nodes[0].topic == "/zeroconf/news" and set(lab.asked_list) == {"/zeroconf/list_masters"}
 
 
+@pytest.mark.slow
 def test_a_discovery_that_ends_is_asked_again_when_it_returns(lab):
     lab.start()
     until(lambda: lab.asked_list)
@@ -94,6 +95,7 @@ def test_a_discovery_that_ends_is_asked_again_when_it_returns(lab):
 # The defects
 
 
+@pytest.mark.slow
 def test_15_3_a_fault_instead_of_a_state_changes_nothing(lab):
     lab.start()
     until(lambda: lab.has("Publisher", "/chatter", "/talker"))
@@ -210,6 +212,7 @@ def test_a_hung_service_of_discovery_does_not_stop_the_exchange():
         patience.run_with_limit(1.0, lambda: 1 / 0)
 
 
+@pytest.mark.slow
 def test_while_a_slow_roscore_is_waited_for_nothing_spins(lab):
     ticks = []
     tick = lab.module.MasterSync._tick

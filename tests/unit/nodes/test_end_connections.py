@@ -87,6 +87,7 @@ IN_A_NAMESPACE = textwrap.dedent(
 )
 
 
+@pytest.mark.slow
 @needs_root
 def test_only_connections_with_the_fleet_are_ended(tmp_path):
     robot = {

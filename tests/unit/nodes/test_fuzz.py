@@ -95,6 +95,7 @@ class Bystander:
         return next((master for master in self.core.view.masters() if master.uri == uri), None)
 
 
+@pytest.mark.slow
 @slow
 @given(attacks)
 def test_no_datagram_takes_a_live_master_or_the_own_one_away(attack):

@@ -106,6 +106,7 @@ def test_whatever_is_sent_the_fleet_stays_what_it_is(datagrams, answer):
     assert len([uri for address, uri in fleet.asked if address == ADDRESS and not uri.endswith(":11611")]) <= 2
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.lists(DATAGRAMS, max_size=60))
 def test_a_loss_is_seen_in_time_whatever_was_sent_before(datagrams):

@@ -144,6 +144,7 @@ BOMB = gzip.compress(b"<value>" * (STATE // 7 + 1000), mtime=0)
 MANY = [[f"/flood/{number}", ["/one"]] for number in range(MOST_FOLLOWED + 1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "answer",
     [
@@ -198,6 +199,7 @@ def test_however_fast_it_answers_it_is_asked_at_the_pace(following, unhurried, k
     assert over.empty() and asked <= most
 
 
+@pytest.mark.slow
 def test_a_digest_that_never_fits_costs_single_whole_states(following, unhurried):
     def answer(asked):
         for_all = asked[-1][1] == ""

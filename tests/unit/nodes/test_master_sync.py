@@ -50,6 +50,7 @@ def test_a_list_asked_for_before_the_news_does_not_undo_it(lab):
     assert is_online(lab)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "after", "asks"),
     [([], [True], False), ([True], [False], True), ([True], [], False)],

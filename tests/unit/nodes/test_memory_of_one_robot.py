@@ -42,6 +42,7 @@ def make_feed():
     return state_feed.StateFeed(lambda: None, robot_at=lambda address: address.partition("-")[0])
 
 
+@pytest.mark.slow
 def test_filters_of_one_robot_have_a_bound(traced):
     feed = make_feed()
     for number in range(24):
@@ -108,6 +109,7 @@ def read_first(connection):
     return b""
 
 
+@pytest.mark.slow
 def test_answers_that_one_robot_does_not_read_have_a_bound(made, traced):
     connections = [made.ask("state", source=f"127.0.3.{number}") for number in range(1, 13)]
     until = time.monotonic() + 10

@@ -66,23 +66,27 @@ def test_a_roscore_that_answers(master):
     assert wait(master.uri) == (0, "")
 
 
+@pytest.mark.slow
 def test_nobody_there_is_one_sentence():
     status, error = wait("http://127.0.0.1:9", "--timeout", "0.3")
     assert (status, error.count("\n")) == (1, 1)
     assert mentions(error, "roscore", "http://127.0.0.1:9") and error.endswith("(after 0.3 s)\n")
 
 
+@pytest.mark.slow
 def test_parameters_take_the_place_of_older_ones(master, tmp_path):
     (tmp_path / "master_sync.json").write_text('{"ignore_topics": ["/tf", {"tibi-pc": ["/map"]}]}')
     assert wait(master.uri, "--set", "/master_sync", str(tmp_path / "master_sync.json")) == (0, "")
     assert master.parameters == {"/master_sync": {"ignore_topics": ["/tf", {"tibi-pc": ["/map"]}]}}
 
 
+@pytest.mark.slow
 def test_a_service_that_comes_later(master):
     assert wait(master.uri, "--service", "/there") == (0, "")
     assert master.looks == 3
 
 
+@pytest.mark.slow
 def test_a_service_that_never_comes(master):
     status, error = wait(master.uri, "--service", "/nowhere", "--timeout", "0.5")
     assert (status, error) == (1, f'the roscore at {master.uri} says: "no provider" (after 0.5 s)\n')

@@ -19,6 +19,7 @@ def test_the_documentation_is_made_of_the_contract(module):
     assert contract.fill(module, text) == text, "run `make copies`"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ANSWERS)
 def test_the_documentation_has_one_level_of_fields(module):
     section = yaml.safe_load(SECTION.search((MODULES / f"{module}.py").read_text(encoding="utf-8"))[1])

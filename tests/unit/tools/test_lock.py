@@ -59,6 +59,7 @@ def imports(path):
             yield (node.module or "").partition(".")[0]
 
 
+@pytest.mark.slow
 def test_lab_and_plugins_import_packages_of_the_lab_alone():
     of_faults = [
         ROOT / "tests/faults" / name for name in ("catalogue.py", "judge.py")

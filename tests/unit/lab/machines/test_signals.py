@@ -37,6 +37,7 @@ with exit_on_signals():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_what_must_not_be_broken_off_ends_first(seed):
     draw = random.Random(seed)

@@ -94,6 +94,7 @@ def test_an_inventory_that_site_would_refuse(tmp_path):
     assert any(problem.startswith("one: multimaster_address is not set") for problem in problems)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["robots: [", "$ANSIBLE_VAULT;1.1;AES256\n6162\n"])
 def test_what_cannot_be_read_gets_a_sentence(tmp_path, text):
     broken = tmp_path / "hosts.yml"

@@ -88,6 +88,7 @@ def test_it_travels_as_every_answer_does_packed_or_not(own):
     assert answers[0][1:] == Asked().ask()[1:], "all but the epoch, which is another one at each start"
 
 
+@pytest.mark.slow
 def test_digests_of_many_filters_are_not_kept(monkeypatch):
     """A caller may have ever new ones, and the state of a quiet robot stays for days."""
     monkeypatch.setattr(module, "MOST_FILTERS", 10)

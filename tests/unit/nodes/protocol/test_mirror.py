@@ -53,6 +53,7 @@ def read(roscore, types, origins):
     return build(State(URI, "own", 0.0, 0.0, *tables, services, types), roscore["node"], uris, origins)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(roscores, st.booleans(), st.sets(st.sampled_from(NODES))), min_size=1, max_size=5))
 def test_what_is_told_is_what_would_be_read(steps):

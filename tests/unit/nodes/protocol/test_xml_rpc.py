@@ -117,6 +117,7 @@ def draw_element(chance, depth):
     return f"<{tag}>{''.join([chance.choice(TEXTS), *parts])}</{tag}>"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [*DENSE, *(draw_element(random.Random(seed), 4) for seed in range(20))])
 def test_a_document_costs_the_memory_that_is_counted(unit):
     most = 1 << 20

@@ -356,6 +356,7 @@ def test_a_message_that_is_too_long_is_left_out(running):
     assert running.do(running.feed.count_dropped) == 1, "and counted"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dear", DEAR)
 def test_messages_that_cost_much_have_a_share(running, dear):
     """Eight publishers of one robot: the loop turns all the same, and has a rest."""

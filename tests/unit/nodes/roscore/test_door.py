@@ -104,6 +104,7 @@ VALUES = [
 VALUES += [xmlrpc.client.DateTime("20260101T00:00:00"), "x" * (5 << 20), [["/topic", ["/node"]]] * 5000]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", VALUES, ids=lambda value: str(value)[:20])
 @pytest.mark.parametrize("packed", [False, True])
 def test_what_ordinary_clients_send_is_taken(server, value, packed):
@@ -282,6 +283,7 @@ def stranger(monkeypatch):
     return "127.0.0.9"
 
 
+@pytest.mark.slow
 def test_another_computer_has_its_share_of_the_processor(server, stranger, monkeypatch):
     """In one request, too: a system.multicall waits between its calls."""
     slept = []

@@ -584,6 +584,7 @@ def test_the_answer_together_is_bounded_while_it_is_made(roscore, monkeypatch):
     assert roscore.master.answer("rosfleetTogether", ("/me", texts[-1:]))[0] == 1
 
 
+@pytest.mark.slow
 def test_many_dead_nodes_are_ended_in_a_moment(roscore):
     """Each was looked for among the registrations of all: 5,000 took 6 s, in the loop that feeds the watchdog."""
     registry, nodes = Registry(), {f"/n{at}": f"http://far:{at + 1024}/" for at in range(20_000)}

@@ -145,6 +145,7 @@ def survey(monkeypatch):
     return run
 
 
+@pytest.mark.slow
 def test_all_are_asked_and_a_silent_one_again(node, survey):
     slow = socket.create_server(("127.0.0.1", 0))
     uris = {"alive": node(), "less": node(["/rosout"], []), "dead": "http://127.0.0.1:1/"}
@@ -158,6 +159,7 @@ def test_all_are_asked_and_a_silent_one_again(node, survey):
     ]
 
 
+@pytest.mark.slow
 def test_a_silent_node_stays_as_long_as_it_is_registered(survey, caplog):
     asked = []
     with socket.create_server(("127.0.0.1", 0)) as slow:
@@ -173,6 +175,7 @@ def test_a_silent_node_stays_as_long_as_it_is_registered(survey, caplog):
     assert sum("does not answer" in record.message for record in caplog.records) == 1
 
 
+@pytest.mark.slow
 def test_after_a_boot_a_node_comes_back_when_it_answers(node, survey, monkeypatch):
     monkeypatch.setattr(module, "provider", lambda uri, _service, _timeout: "/late" if uri.endswith(":1") else "/x")
     uris = {"dead": "http://127.0.0.1:1/", "late": node()}
@@ -216,6 +219,7 @@ def test_those_that_answer_within_a_time(node, monkeypatch):
     assert module.find_alive(Registry(), 0.5) == set()
 
 
+@pytest.mark.slow
 def test_a_node_with_nothing_left_is_asked_until_it_is_dead(node, survey):
     with socket.create_server(("127.0.0.1", 0)) as slow:
         uris = {"/alive": node([], []), "/dead": "http://127.0.0.1:1/"}

@@ -222,6 +222,7 @@ HOSTILE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_hostile_answers_do_no_harm(made, seed):
     numbers = random.Random(seed)
@@ -260,6 +261,7 @@ def killed_at(lab, number, when):
         lab.own.before = lab.own.after = lambda: None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 3])
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_after_a_kill_the_next_life_knows_its_own(made, number, when):

@@ -92,6 +92,7 @@ def test_a_change_is_told_at_once_and_alone(there):
     here.found.follower.stop()
 
 
+@pytest.mark.slow
 def test_to_wait_for_a_processor_delays_nothing_else(there, monkeypatch):
     """An answer that costs much makes a pause. One that only lay there does not: it would be one more delay."""
     monkeypatch.setattr(follower, "size", lambda state: time.sleep(0.5) or 1)
@@ -178,6 +179,7 @@ def test_a_question_that_is_none_is_refused(there, asked):
         Rpc(there.uri, 5.0).call(DIFFERENCES, *asked)
 
 
+@pytest.mark.slow
 def test_one_robot_keeps_few_connections(there):
     rpcs = [Rpc(there.uri, 5.0) for _count in range(rpc_server._KEPT_OF_ONE + 2)]
     known = rpcs[0].call(DIFFERENCES, ASK, "", 0, 0)[:2]

@@ -197,6 +197,7 @@ def test_a_new_helper_ends_the_older_one_and_lifetime_ends_it(network):
     assert until(lambda: not host.processes(), 20)
 
 
+@pytest.mark.slow
 def test_a_playbook_with_the_former_words_measures(network):
     net = network(2)
     net.task(2, state="started")

@@ -78,6 +78,7 @@ def probe(number, sender, protocol, target, port=0, **more):
     }
 
 
+@pytest.mark.slow
 def test_each_kind_of_packet_is_seen_at_both_ends(three):
     one, other, _third = three.hosts
     probes = [
@@ -115,6 +116,7 @@ time.sleep(20)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drops", [False, True])
 def test_a_question_that_is_lost_is_not_confirmed(three, drops):
     one, other, _third = three.hosts
@@ -128,6 +130,7 @@ def test_a_question_that_is_lost_is_not_confirmed(three, drops):
     assert bool(sent[0][0]["unconfirmed"]) == drops
 
 
+@pytest.mark.slow
 def test_other_traffic_is_not_seen(three):
     one, other, _third = three.hosts
     options = {"run": "test", "name": one.name, "probes": [probe(0, one, "tcp", other, 9)]}
@@ -137,6 +140,7 @@ def test_other_traffic_is_not_seen(three):
     assert {entry["protocol"] for entry in found["seen"]} <= {"arp"}
 
 
+@pytest.mark.slow
 def test_an_error_of_a_hop_quotes_the_packet_and_a_counter_grows(three):
     one, other, third = three.hosts
     third.run("sysctl", "-q", "-w", "net.ipv4.ip_forward=1")
@@ -153,6 +157,7 @@ def test_an_error_of_a_hop_quotes_the_packet_and_a_counter_grows(three):
     assert {"IpInHdrErrors", "IcmpOutTimeExcds"} <= {entry["counter"] for entry in gateway["counters"]}
 
 
+@pytest.mark.slow
 def test_a_listener_ends_by_itself_and_says_so(three):
     one = three.hosts[0]
     options = {"run": "test", "name": one.name, "probes": []}
@@ -247,6 +252,7 @@ def make_bridge(host, number):
     host.run("ip", "address", "add", f"{host.address}/24", "dev", "br0")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "hook", "said", "words"),
     [
@@ -267,6 +273,7 @@ def test_what_a_bridge_drops_ends_at_its_computer(three, number, hook, said, wor
         assert stage == said and sentence.endswith(words)
 
 
+@pytest.mark.slow
 def test_what_comes_for_another_vlan_has_not_come_in(three):
     """Without a number the tag has a priority alone, and the kernel takes the packet for one without a tag."""
     one, other, _third = three.hosts

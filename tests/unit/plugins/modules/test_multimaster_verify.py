@@ -10,6 +10,7 @@ import pytest
 from tests.unit import module_server
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [{"action": "collect"}, {"state": "collected"}, {}], ids=str)
 def test_check_mode_refuses_the_same(words):
     arguments = {

@@ -106,6 +106,7 @@ def test_it_ends_by_itself(two):
     assert not one.run("ls", "/run").strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

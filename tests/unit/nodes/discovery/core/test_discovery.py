@@ -584,6 +584,7 @@ def seen(robot, other):
     return [(now, change, master.online) for now, change, master in robot.events if master.uri == other.uri]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_ten_minutes_at_30_per_cent_loss_remove_nobody(seed):
     chance = random.Random(f"loss {seed}")

@@ -78,6 +78,7 @@ def test_a_program_that_is_not_there_is_an_error():
         module.Child(print).start(["/nowhere/program"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("program", "text"),
     [

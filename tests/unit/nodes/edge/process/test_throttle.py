@@ -73,6 +73,7 @@ def test_what_was_taken_is_paid_back_and_forgotten(clock):
     assert made.wait("robot2") and not len(made.efforts)
 
 
+@pytest.mark.slow
 def test_callers_without_end_share_one_account(clock):
     made = make()
     for number in range(10_000):

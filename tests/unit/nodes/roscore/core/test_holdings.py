@@ -46,6 +46,7 @@ def draw(rng, depth=0):
     return "x" * rng.randrange(100)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100))
 def test_each_robot_has_what_it_has_set(seed):
     """After any changes: the sums are those of a count of the whole tree, and of all robots together that of the tree."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Who gets a name that two nodes want."""
 
+import pytest
 from rosfleet_multimaster.roscore.core.name_guard import MOST, REPLACED, NameGuard, Verdict
 
 OWN, NEWER, FAR, OTHER = "http://own:1/", "http://own:2/", "http://far:1/", "http://other:1/"
@@ -77,6 +78,7 @@ def test_a_name_that_nobody_has_any_more_is_an_own_ones_next():
     assert not found.is_import("/camera", FAR)
 
 
+@pytest.mark.slow
 def test_what_is_remembered_is_bounded():
     found = guard()
     for number in range(3 * MOST):

@@ -56,6 +56,7 @@ def one_provider(items):
     return [item for item in sorted(items) if item.kind != "service" or seen.setdefault(item.name, item) == item]
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.sets(registrations, max_size=5), st.sets(registrations, max_size=5), owned)
 def test_a_step_is_what_a_round_would_do(before, now, own):

@@ -36,6 +36,7 @@ def leave(door, path, pause=0.0):
     return thread
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pause", [0.0, 0.3])
 def test_an_older_process_has_put_its_door_away(path, pause):
     for _time in range(4):

@@ -15,6 +15,7 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._machine impo
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import xml_rpc
 
 
+@pytest.mark.slow
 def test_concurrently_keeps_the_order_and_leaves_the_late_behind():
     began = time.monotonic()
     results = deadlines.call_all(lambda item: time.sleep(item) or item, [0.2, 0, 60, 0.1], 2.0, lambda item: "late")
@@ -71,6 +72,7 @@ def test_a_limit_is_stretched_within_bounds(monkeypatch):
     assert (deadlines.stretch(5.0), deadlines.stretch(900.0)) == (20.0, 900.0 + deadlines.LONGEST)
 
 
+@pytest.mark.slow
 def test_an_answer_that_is_late_is_waited_for_on_a_busy_machine(monkeypatch):
     monkeypatch.setattr(xml_rpc, "CALL", 0.4)
     with socket.create_server(("127.0.0.1", 0)) as silent:
@@ -94,6 +96,7 @@ def test_an_answer_that_is_late_is_waited_for_on_a_busy_machine(monkeypatch):
     assert given == [6.0]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/proc/self/schedstat"), reason="this kernel does not count it")
 def test_a_busy_processor_is_seen():
     """Several programs on one processor: the kernel has each of them wait."""

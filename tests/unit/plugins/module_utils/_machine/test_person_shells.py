@@ -87,6 +87,7 @@ def test_what_other_programs_read_is_told_as_it_stands(person):
     assert [row[0] for row in rows(person)] == [".zshrc", ".pam_environment"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["sleep 1000", "while :; do :; done", "read x < /dev/tty", "exec sleep 1000"])
 def test_a_shell_that_hangs_is_ended_and_its_files_are_read(person, line, monkeypatch):
     monkeypatch.setattr(person_shells, "_ASKING", 0.7)
@@ -122,6 +123,7 @@ def test_megabytes_of_output_and_of_variables_do_no_harm(person, monkeypatch):
     assert len(value) <= 500
 
 
+@pytest.mark.slow
 def test_nothing_that_a_shell_starts_stays(person):
     mark = f"{time.monotonic_ns() % 10**6 + 10**6}"
     write(person, ".bashrc", f"setsid sleep {mark} &", f"(setsid sleep {mark} & ) ; true")

@@ -63,6 +63,7 @@ def reach(tree, **variables):
     return set_up.reach(str(tree / "ws/devel/setup.sh"), set_up.sort(variables))
 
 
+@pytest.mark.slow
 @as_root
 def test_a_set_up_of_ten_thousand_folders_is_no_service_code(tree):
     found = reach(tree, PATH=":".join(f"/{number}" for number in range(trust.MOST + 1)))

@@ -78,6 +78,7 @@ def broken(value, randomly):
     )
 
 
+@pytest.mark.slow
 def test_whatever_a_machine_answers_it_is_read_or_refused():
     randomly = random.Random(1)
     refused = 0

@@ -69,6 +69,7 @@ def random_plans(seed, number):
         yield plan
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_random_fleets_come_back(seed):
     for plan in random_plans(seed, 20):

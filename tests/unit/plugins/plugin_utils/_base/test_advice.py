@@ -96,6 +96,7 @@ def test_the_rule_between_networks_names_each_at_both_ends_in_their_order():
     assert advice.accept_between(networks, "ip nat POST;reboot") == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids="-".join)
 @given(what=st.text(min_size=1) | hostile("what"))
 def test_a_remedy_holds_no_name_of_others_but_as_one_word(fault, what):

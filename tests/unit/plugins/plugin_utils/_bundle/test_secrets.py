@@ -26,6 +26,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 from planted import ORDINARY, PLANTED, TIME, any_secret
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planted", PLANTED, ids=[f"{entry.text[:40]!r}" for entry in PLANTED])
 def test_a_secret_as_people_write_it(planted):
     assert all(part in planted.text for part in planted.parts)  # or the test could not fail
@@ -51,6 +52,7 @@ def test_ordinary_lines_stay_as_they_are_one_after_another():
     assert Secrets().text(text) == text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_any_secret_in_any_form_anywhere(seed):
     """Drawn by a generator: names, forms and surroundings as programs and people have them."""
@@ -207,6 +209,7 @@ def test_a_long_text_of_anybody_takes_no_long_time(piece):
     assert time.process_time() - began < 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begin, piece", [("", "echo -"), ("", "echo -n "), ("https://webhooka.aa", "uc")])
 def test_the_longest_lines_of_a_log_take_no_long_time(begin, piece):
     """A computer has a thousand such lines for each service, and whoever calls its nodes may have written them."""
@@ -216,6 +219,7 @@ def test_the_longest_lines_of_a_log_take_no_long_time(begin, piece):
     assert time.process_time() - began < 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "frame", ["echo {} | wg set wg0 private-key /dev/stdin", "it is {}", "'{}'", "x={}", "{}", "a,{},b"]
 )

@@ -730,6 +730,7 @@ def test_the_largest_declaration_is_one_that_the_nodes_accept():
     assert Taken(both_sides(fleet(tibi=exports(entry)))["dabo"][2], "tibi-visio").has("topics", "/a7/status")
 
 
+@pytest.mark.slow
 def test_the_plan_of_a_hundred_exporting_robots_stays_small():
     """Half of a kilobyte for each pair of robots, and each computer gets its hundredth."""
     robots = {f"r{number}": [f"r{number}-c"] for number in range(100)}

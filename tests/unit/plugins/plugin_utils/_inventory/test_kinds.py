@@ -113,6 +113,7 @@ def test_preflight_refuses_only_filters_that_nodes_refuse():
     assert [value for value in values if not is_accepted(value) and starts_with(make_node_filters(value))] == []
 
 
+@pytest.mark.slow
 def test_nodes_start_with_exports_that_preflight_accepts():
     values = [draw_exports(seed) for seed in range(12)]
     accepted = [value for value in values if is_accepted(value, read_exports)]

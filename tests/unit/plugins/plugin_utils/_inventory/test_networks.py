@@ -358,6 +358,7 @@ def test_routed_multicast_alone_reaches_an_inner_master():
     fleet(everywhere(multimaster_transport="multicast", **SMCROUTE))
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(
     st.dictionaries(

@@ -281,6 +281,7 @@ BUNDLED = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(BUNDLED)
 def test_upstream_decides_as_the_bundled_node(parameters):

@@ -109,6 +109,7 @@ PROGRAMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_a_service_is_said_to_read_what_its_program_imports(name):
     root = pathlib.Path(__file__).resolve().parents[5] / "roles/nodes/files/python"

@@ -192,6 +192,7 @@ READ = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_prediction_of_now_is_what_packets_do():
     """In at least 98 % of the pairs of random fleets with a fault: here they are all right."""
     wrong, total = [], 0

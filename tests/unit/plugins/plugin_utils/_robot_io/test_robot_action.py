@@ -142,6 +142,7 @@ def test_an_endless_answer_ends_and_so_does_what_brings_it(action, monkeypatch):
     assert len(bytes(64 << 20)) == 64 << 20, "the bound ends with the answer"
 
 
+@pytest.mark.slow
 def test_a_silent_robot_ends_in_time_with_what_waits_for_it(action, monkeypatch):
     monkeypatch.setattr(robot_action, "LONGEST", 2.0)  # the program has been started by then
     started = []

@@ -103,6 +103,7 @@ def test_what_the_environment_alone_says_opens_nothing(ssh_ports, value):
     assert ssh_ports(value) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_no_other_text_opens_a_port_or_ends_the_module(ssh_ports, seed):
     """Addresses and ports as they are and as they are not, drawn by a generator: the port opens for the real connection alone."""

@@ -124,6 +124,7 @@ def computer(tmp_path):
     made.holder.wait()
 
 
+@pytest.mark.slow
 def test_apply_again_and_back(computer):
     untouched = computer.state()
     first, again = computer.runs((GATEWAY, 0), (GATEWAY, 0))
@@ -140,6 +141,7 @@ def test_apply_again_and_back(computer):
     assert computer.state() == untouched
 
 
+@pytest.mark.slow
 def test_what_is_stored_is_what_runs(computer):
     computer.runs((GATEWAY, 0))
     before = computer.inside(*LIST)
@@ -152,6 +154,7 @@ def test_what_is_stored_is_what_runs(computer):
     assert computer.inside(*LIST) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "drift", ["flush chain inet rosfleet_multimaster input", "delete table inet rosfleet_multimaster"]
 )
@@ -163,6 +166,7 @@ def test_what_somebody_removed_comes_back(computer, drift):
     assert computer.state() == good
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_new_is_the_only_item_that_changes(computer):
     more = {"members": [*FLEET["members"], "192.168.1.240"]}
     found = computer.runs((FLEET, 0), (more, 0))[1]
@@ -183,6 +187,7 @@ def test_kill_at_any_moment_leaves_what_the_next_run_mends(computer, first, then
     assert step > 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "then"), [({}, GATEWAY), (FLEET, GATEWAY), (GATEWAY, {})])
 def test_the_switch_takes_the_run_time_back(computer, first, then):
     computer.runs((first, 0))
@@ -194,6 +199,7 @@ def test_the_switch_takes_the_run_time_back(computer, first, then):
     assert computer.state() == (files, rules)
 
 
+@pytest.mark.slow
 def test_a_place_that_takes_no_file_is_told_before_a_change(computer):
     (computer.root / "etc/rosfleet-multimaster").symlink_to("/proc/sys/net")
     untouched = computer.state()
@@ -203,6 +209,7 @@ def test_a_place_that_takes_no_file_is_told_before_a_change(computer):
     assert computer.state() == untouched
 
 
+@pytest.mark.slow
 def test_traffic(computer, tmp_path):
     """Datagrams and connections in the kernel itself: from a member, from a stranger, from itself."""
     computer.runs(({"members": ["10.9.0.2"], "ssh_ports": [2222]}, 0))

@@ -169,6 +169,7 @@ def test_the_target_of_a_link_is_written(machine):
     assert link.is_symlink() and machine.hosts.read_bytes() == NEW
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_leaves_the_old_or_the_new_file(machine):
     contents = set()
     for number in range(16):

@@ -156,6 +156,7 @@ def test_what_is_no_name_of_a_package_is_said(apt, name):
     assert not apt.ran
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_what_others_have_installed_is_never_removed(apt, seed):
     """Plans, packages of others and failures by chance: at the end all is as the owner has left it."""

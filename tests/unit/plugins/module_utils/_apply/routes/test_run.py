@@ -254,6 +254,7 @@ def test_another_gateway_leaves_no_moment_without_a_route(computer, route):
     assert len(computer.routes()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("route", [FOUR, SIX], ids=["IPv4", "IPv6"])
 def test_another_metric_leaves_no_moment_without_a_route(computer, route):
     computer.run(route)
@@ -264,6 +265,7 @@ def test_another_metric_leaves_no_moment_without_a_route(computer, route):
     assert (deleted.startswith("Deleted default"), "metric 7" in deleted) == (True, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["blackhole", "unreachable", "prohibit"])
 @pytest.mark.parametrize("destination", ["10.5.0.0/16", "fd00:5::/64"])
 def test_a_way_becomes_none_and_comes_back(computer, kind, destination):
@@ -287,6 +289,7 @@ def test_a_right_route_of_somebody_else_is_adopted_and_stays(computer):
     assert HOOK not in computer.files()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "before",
     [
@@ -374,6 +377,7 @@ def test_a_boot_part_that_cannot_be_written_puts_the_kernel_back(computer):
     assert set(computer.files()) == set(files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", range(1, 13))
 def test_what_a_killed_run_leaves_is_mended_or_taken_back(computer, step):
     others(computer)
@@ -389,6 +393,7 @@ def test_what_a_killed_run_leaves_is_mended_or_taken_back(computer, step):
     assert (computer.routes(), computer.files()) == (routes, files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", range(1, 13))
 def test_a_killed_run_can_be_followed_by_the_removal(computer, step):
     others(computer)
@@ -398,6 +403,7 @@ def test_a_killed_run_can_be_followed_by_the_removal(computer, step):
     assert (computer.routes(), computer.files()) == (routes, files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_two_runs_at_once_leave_no_route_without_an_owner(computer, seed):
     chance = random.Random(seed)
@@ -461,6 +467,7 @@ for half in range(len(run.plan.changes) + 1):
     assert computer.routes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("status", [2, -1])
 def test_a_route_that_is_not_removed_stays_ours(computer, status):
     """`ip route del` fails, or gives no answer: the sentence says so, and the next run removes the route."""
@@ -485,6 +492,7 @@ except Exception as problem:
     assert computer.run()["changed"] and computer.routes() == []
 
 
+@pytest.mark.slow
 def test_the_run_time_alone_writes_no_file(computer):
     files = computer.files()
     program = """
@@ -625,6 +633,7 @@ def test_check_mode_says_in_the_same_words_what_the_run_does(computer, seed):
         assert [item["after"] for item in again["routes"]] == [item["after"] for item in made["routes"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("route", [FOUR, SIX], ids=["IPv4", "IPv6"])
 def test_on_link_comes_and_goes_with_the_option(computer, route):
     computer.run(route)

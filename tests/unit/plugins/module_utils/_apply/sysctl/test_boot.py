@@ -57,6 +57,7 @@ def test_what_decides_at_boot(path, tmp_path):
     assert sysctl_boot.boots_with_systemd(tree) == case.get("systemd", True)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.geteuid() != 0 or not os.path.exists(SYSTEMD_SYSCTL), reason="needs root and systemd")
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_systemd_sysctl_agrees(path, tmp_path):

@@ -415,6 +415,7 @@ def killed_at(step, options):
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", [REPORT, REPORT[1:], [], [{"name": "net.ipv4.ip_forward", "value": "2"}]])
 def test_kill_at_any_moment_leaves_what_the_next_run_mends(tmp_path, wanted):
     """From a first state of ours to `wanted`, killed at every step, then mended, then taken back: as it was."""
@@ -790,6 +791,7 @@ def test_a_locked_drop_in_is_said_before_anything_changes(machine, check):
         subprocess.run(["chattr", "-i", machine.drop_in], check=True)
 
 
+@pytest.mark.slow
 @as_root
 @pytest.mark.parametrize("seed", range(8))
 def test_two_runs_at_once_leave_no_value_without_an_owner(namespace, seed):
@@ -896,6 +898,7 @@ RP_FILTER = [
 ]
 
 
+@pytest.mark.slow
 @as_root
 @pytest.mark.parametrize("by_hand", [False, True])
 def test_kernel_default_of_all_interfaces_but_one(namespace, by_hand):

@@ -127,6 +127,7 @@ def test_what_is_released_stays(switch, timer, tmp_path):
     assert place.read_text() == "x"
 
 
+@pytest.mark.slow
 def test_a_slow_machine_has_more_time_to_confirm(switch, timer, tmp_path):
     place = tmp_path / "place"
     switch.arm("t", HOUR, [writes(place, "x")])
@@ -282,6 +283,7 @@ def asking(tmp_path):
     return lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("server", SSH_SERVERS)
 def test_two_runs_over_one_connection_and_over_two(asking, server):
     first, second = asking(server), asking(server)
@@ -493,6 +495,7 @@ def test_a_run_time_that_is_refused_leaves_no_switch(play):
     assert (result.failed, result.rolled_back, play.state(), play.clean()) == (True, False, ("old", "old"), True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("breaks", "said"),
     [("slow", "took longer than the 1 s of confirm_within"), ("slow and refused", "The kernel refuses the rest.")],

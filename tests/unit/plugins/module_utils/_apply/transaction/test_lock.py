@@ -67,6 +67,7 @@ def records(tmp_path):
     return tmp_path / "var/lib/records"
 
 
+@pytest.mark.slow
 def test_runs_at_once_go_one_after_the_other(tmp_path):
     number = tmp_path / "number"
     number.write_text("0")

@@ -77,6 +77,7 @@ def test_an_interface_below_a_macvlan_answers_and_is_told(computers):
     assert asked(asker, one.address)[one.address] == [mac(one, "upper")]
 
 
+@pytest.mark.slow
 def test_a_gateway_is_asked_for_and_questions_change_no_table(computers):
     one, gateway, _third = computers
     one.run("ip", "route", "add", "10.0.0.0/8", "via", gateway.address)

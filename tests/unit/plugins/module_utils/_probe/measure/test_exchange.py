@@ -250,6 +250,7 @@ def test_the_sync_node_of_another_robot_is_not_asked(ros):
     assert "no master_sync reports its registrations" in looked_at(made)["error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "said",
     [
@@ -276,6 +277,7 @@ def test_without_an_answer_of_it_there_is_a_sentence(ros):
     assert found["topics"] == []
 
 
+@pytest.mark.slow
 def test_without_the_python_of_ros_only_the_sums_are_missing(ros):
     made, _master = ros
     path = pathlib.Path(made.file).parent / "python"
@@ -288,6 +290,7 @@ def test_without_the_python_of_ros_only_the_sums_are_missing(ros):
     assert found["error"] == "" and "there is no command rostopic" in found["types_error"] and found["topics"]
 
 
+@pytest.mark.slow
 def test_a_python_of_ros_that_is_late_has_not_failed(ros, monkeypatch):
     made, _master = ros
     (pathlib.Path(made.file).parent / "python").write_text("#!/bin/sh\nsleep 60\n")
@@ -358,6 +361,7 @@ def test_links_of_a_node():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("piece", [" to [", " to [:", " to [:1 on", ":1 on socket to ["])
 def test_a_long_text_of_a_stranger_is_read_at_once(piece):
     began = time.process_time()

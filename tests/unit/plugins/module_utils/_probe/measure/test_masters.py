@@ -47,6 +47,7 @@ def test_discovery_node_and_its_clock(discovery):
     assert abs(found["clock_offset_s"] - 3600) <= found["clock_uncertainty_s"] + 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("said", ["nan", "inf", "-inf", "1e999", "1e20", "-1", "4294967296"])
 def test_a_time_that_is_no_number_costs_the_clock_alone(said):
     """An answer with such a number would be refused as a whole."""
@@ -60,6 +61,7 @@ def test_a_time_that_is_no_number_costs_the_clock_alone(said):
     assert found["open"] and found["clock_offset_s"] is None and "is no time" in found["clock_error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("said", [2**31 - 1, -1, 0, 1e300, "9" * 4000, [], True])
 def test_a_port_that_is_none_costs_the_data_of_that_relay_alone(said):
     """An answer with such a number would be refused as a whole."""
@@ -84,6 +86,7 @@ def test_the_port_of_a_roscore_is_open_refused_or_not_asked(discovery):
     assert masters.discovery(master(discovery), 0)["roscore"] == ""
 
 
+@pytest.mark.slow
 def test_discovery_that_refuses_or_is_something_else():
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
@@ -150,6 +153,7 @@ def test_a_relay_and_the_port_of_its_data():
         assert (row["outcome"], row["data_outcome"], row["error"]) == ("answered", "open", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("answer", [[], ["1", "x", []], ["1", -4, []], ["1", 99999, []], 7, {}])
 def test_another_answer_of_a_relay_is_told_as_one(answer):
     row = ask_relay(answer)
@@ -216,6 +220,7 @@ OFFERS = [["topic", "/kobuki2/scan", "a/B", ["/laser"]], ["topic", "/kobuki2/ima
 NOTHING = {"as": "", "base": "", "inner": False}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("here", "there", "expected"),
     [

@@ -85,6 +85,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.slow
 @root
 @pytest.mark.skipif(not shutil.which("nft"), reason="needs nft")
 def test_errnos_of_a_real_kernel_are_told_apart(hosts):

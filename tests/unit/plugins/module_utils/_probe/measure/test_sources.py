@@ -66,6 +66,7 @@ def test_a_topic_that_discovery_has_not_followed_is_told(ros):
     assert (found[ONE]["topics"], found[ONE]["given"]) == ([MINE, "/odom"], [MINE])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "rows", [None, 5, "text", [[1, 2]], [["x"]], [[["deep"], ["/n"]]], [[ITS, []]], [{"a": 1}], [["\x1b[31m", ["/n"]]]]
 )

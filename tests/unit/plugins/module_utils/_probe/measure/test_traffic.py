@@ -150,6 +150,7 @@ def test_only_what_goes_to_other_robots_is_measured(robot, clock, monkeypatch):
     assert [(flow["bytes_s"], flow["messages_s"]) for flow in found["flows"]] == [(400000.0, 400.0), (200000.0, 200.0)]
 
 
+@pytest.mark.slow
 def test_a_node_that_hangs_costs_the_others_nothing(robot):
     began = time.monotonic()
     found = robot(hung=Node((1, "127.0.0.2"), wait=4.0), far=Node((1, "127.0.0.2")))

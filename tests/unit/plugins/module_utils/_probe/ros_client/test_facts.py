@@ -63,6 +63,7 @@ def seen(*ports):
     return facts.masters([{"protocol": "tcp", "port": port} for port in ports])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("node", "implementation", "messages"),
     [

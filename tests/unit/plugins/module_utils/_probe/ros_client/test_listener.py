@@ -29,6 +29,7 @@ def made(ros, master):
     return found
 
 
+@pytest.mark.slow
 def test_a_talker_is_heard_also_one_that_comes_later(made, master):
     roscore, uri = master
     listener = TopicListener(made, "listener", {ONE: "run one", TWO: "run two"})
@@ -59,6 +60,7 @@ def listening(listener):
     assert not thread.is_alive()
 
 
+@pytest.mark.slow
 def test_an_older_talker_does_not_count_and_a_newer_one_does(made, master):
     roscore, uri = master
     with talking(uri, "/older", ONE, "yesterday one"):

@@ -84,6 +84,7 @@ def test_a_talker_without_an_answer_takes_its_registration_back(seconds):
         assert roscore.of(TOPIC) == []
 
 
+@pytest.mark.slow
 def test_a_talker_ends_also_where_its_roscore_has_gone_silent():
     roscore = Roscore()
     roscore.unregisterPublisher = lambda *_about: time.sleep(node.FAREWELL + 3)
@@ -230,6 +231,7 @@ def test_a_second_stream_is_refused_until_the_first_ends(own):
     assert stream(own, 0.1)[0] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", ["x", "", "nan", "-1", "1e999"])
 def test_whatever_length_a_stranger_asks_for_the_talker_stays(own, seconds, monkeypatch):
     monkeypatch.setattr(node, "REQUEST", 0.3)

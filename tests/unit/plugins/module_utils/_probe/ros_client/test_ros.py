@@ -29,6 +29,7 @@ def test_program_runs_in_the_environment_of_the_file(ros):
     assert not os.path.exists(home)
 
 
+@pytest.mark.slow
 def test_program_that_never_ends_is_ended(ros):
     made, command = ros
     command("rostopic", "")
@@ -114,6 +115,7 @@ def test_a_discovery_node_of_another_name_is_asked(roscore, monkeypatch):
     assert [entry["name"] for entry in found["masters"]] == ["one"] and not found["error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("state", [5, [1, 2, 3], [[], [], [["/x"]]]])
 def test_a_state_that_is_none_is_a_sentence(roscore, monkeypatch, state):
     made, command = roscore

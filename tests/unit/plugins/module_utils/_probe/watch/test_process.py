@@ -110,6 +110,7 @@ def test_a_process_that_was_held_up_has_missed_no_look(monkeypatch):
     going_on.set()
 
 
+@pytest.mark.slow
 def test_a_watch_whose_controller_vanished_ends(serve, monkeypatch):
     monkeypatch.setattr(process, "ABANDONED", 0.6)
     with serve(lambda params, before: {}) as (path, thread):

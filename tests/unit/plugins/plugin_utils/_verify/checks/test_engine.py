@@ -164,6 +164,7 @@ def test_a_second_computer_may_be_without_ros():
     assert not {"list_masters", "topic_heard"} & {finding.check for finding in findings if finding.observer == second}
 
 
+@pytest.mark.slow
 def test_the_cost_grows_with_the_observations():
     fleet = plan(robots=40)
     seen = observed(fleet)
@@ -227,6 +228,7 @@ def test_the_work_for_a_pair_does_not_grow_with_the_fleet():
         assert later <= 1.2 * first, per_finding
 
 
+@pytest.mark.slow
 def test_a_computers_plan_costs_the_same_in_any_fleet():
     per_computer = [work(lambda robots=robots: plan(robots, 4))[1] / robots for robots in (10, 40)]
     assert per_computer[1] <= 1.5 * per_computer[0], per_computer

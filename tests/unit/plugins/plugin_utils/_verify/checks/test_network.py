@@ -233,6 +233,7 @@ BETWEEN_NETWORKS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), BETWEEN_NETWORKS)
 def test_each_fault_between_networks_is_named(change, check, verdict, kind, place, mode):
     assert_told(change, check, verdict, kind, place, mode, fleet=fig12())

@@ -104,6 +104,7 @@ TEXT = st.text(st.characters(codec="utf-8"), max_size=12) | st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(TEXT, TEXT), st.tuples(st.integers(-1, 300), st.integers(-1, 300)), TEXT, TEXT)
 def test_texts_of_a_computer_never_stop_the_diagnosis(addresses, prefixes, words, line):

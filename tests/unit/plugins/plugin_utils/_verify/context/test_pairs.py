@@ -61,6 +61,7 @@ def test_proofs_grow_with_computers_and_not_with_pairs():
     assert pairs.number(pairs.choose_pairs(networks, networks)) == 400 * (99 + 2)
 
 
+@pytest.mark.slow
 def test_a_fault_in_a_sampled_fleet_is_named():
     fleet = fleets.plan(robots=12, computers=3)
     seen = fleets.observed(fleet)

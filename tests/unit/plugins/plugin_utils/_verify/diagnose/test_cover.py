@@ -6,6 +6,7 @@
 import random
 import time
 
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.cover import Failure, explain
 
@@ -95,6 +96,7 @@ def test_a_component_that_others_make_needless_is_dropped():
     assert {component for component, _rivals in chosen} == {off("a"), off("b")} and rest == []
 
 
+@pytest.mark.slow
 def test_a_quarter_of_a_million_failures_take_seconds():
     source = random.Random(1)
     components = [off(f"c{number}") for number in range(400)]

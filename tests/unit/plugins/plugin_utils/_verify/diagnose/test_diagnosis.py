@@ -65,6 +65,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "second"), [(one, other) for one in FAULTS for other in FAULTS if one.__name__ < other.__name__]
 )

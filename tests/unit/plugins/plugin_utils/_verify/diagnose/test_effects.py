@@ -22,6 +22,7 @@ ONE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "number"), [(name, number) for name, numbers in ONE.items() for number in numbers])
 def test_what_follows_from_a_fault_is_no_finding(name, number):
     trial = harness.draw(number, [[faults.BY_NAME[name]]])

@@ -24,6 +24,7 @@ def _followed():
     return diagnose(fleet, seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: diagnosed(wall, fig12()), lambda: diagnosed(lost_route, fig12()), _followed])
 @pytest.mark.parametrize("width", [80, 160])
 def test_it_has_ten_lines_that_fit(make, width):

@@ -44,6 +44,7 @@ def test_the_findings_are_the_same_whatever_is_kept():
     assert large[1].rows == large[1].summary.notable and len(large[2].rows) == large[2].summary.total
 
 
+@pytest.mark.slow
 def test_a_small_run_of_a_large_fleet_has_the_whole_matrix():
     fleet = fleets.plan(21, 2)
     seen = {name: one for name, one in fleets.observed(fleet).items() if name in (fleets.ONE, fleets.TWO)}

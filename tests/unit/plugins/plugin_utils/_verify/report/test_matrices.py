@@ -6,6 +6,7 @@
 from collections import Counter
 
 import fleets
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import (
     FAILED,
     OK,
@@ -73,6 +74,7 @@ def test_the_slowest_stream_is_shown_in_a_large_fleet():
     assert matrix.cells["kobuki1", "kobuki2"].text == "11.5"
 
 
+@pytest.mark.slow
 def test_what_is_only_counted_fills_the_same_cells():
     fleet = fleets.plan(21, 2)
     seen = fleets.observed(fleet)

@@ -45,6 +45,7 @@ class Tags(HTMLParser):
         return [attributes[key] for _tag, attributes in self.tags if key in attributes]
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_told_and_every_link_leads_somewhere():
     report = make_report(fleets.fig12(), fleets.wall, since="2026-11-21 14:02", differences=["tibi-nav is new"])
     page = Tags(report.html)
@@ -60,6 +61,7 @@ def test_what_is_wrong_is_told_and_every_link_leads_somewhere():
     assert all(link[1:] in ids for link in links if link.startswith("#"))
 
 
+@pytest.mark.slow
 def test_why_a_finding_was_made_is_folded_below_it():
     report = make_report(fleets.fig12(), fleets.wall)
     page = Tags(report.html)
@@ -69,11 +71,13 @@ def test_why_a_finding_was_made_is_folded_below_it():
     assert [tag for tag, _attributes in page.tags].count("dl") == 1 and "details" in dict(page.tags)
 
 
+@pytest.mark.slow
 def test_all_is_well():
     text = Tags(make_report(fleets.fig12()).html).text
     assert "All is well." in text and "Nothing was found." in text and "Not explained" not in text
 
 
+@pytest.mark.slow
 def test_nothing_is_asked_for():
     page = Tags(make_report(fleets.fig12(), fleets.wall).html)
     assert not [tag for tag, _attributes in page.tags if tag in ("script", "iframe", "object", "form", "base")]
@@ -84,6 +88,7 @@ def test_nothing_is_asked_for():
 EVIL = '"><script>alert(1)</script><img src=x onerror=alert(1)>{{ 7 * 7 }}\x1b[31m\u202e'
 
 
+@pytest.mark.slow
 def test_text_of_strangers_stays_text():
     def change(seen):
         fleets.wall(seen)
@@ -108,6 +113,7 @@ def test_text_of_strangers_stays_text():
     assert "{{ 7 * 7 }}" in page.text and "\x1b" not in page.text and "\u202e" not in page.text
 
 
+@pytest.mark.slow
 def test_a_way_of_hostile_captures_stays_a_picture():
     """Whatever other computers call their interfaces and hardware addresses."""
     fleet, words = fleets.fig12(), {"network": EVIL, "left": EVIL, "target_mac": EVIL, "came": EVIL}
@@ -121,6 +127,7 @@ def test_a_way_of_hostile_captures_stays_a_picture():
     assert "{{ 7 * 7 }}" in page.text and "\x1b" not in page.text and "\u202e" not in page.text
 
 
+@pytest.mark.slow
 def test_each_cell_has_a_sign_and_its_numbers():
     page = Tags(make_report(fleets.fig12(), fleets.wall).html)
     cells = [attributes for tag, attributes in page.tags if tag == "td" and "title" in attributes]
@@ -189,6 +196,7 @@ def test_remarks_of_the_comparison_are_on_the_page():
     assert 'id="remarks"' not in make_report(fleets.plan()).html
 
 
+@pytest.mark.slow
 def test_a_robot_that_was_not_looked_at_or_is_left_out_of_the_findings_is_not_well():
     """With --limit, and with more findings than the page has."""
     fleet = fleets.fig12()

@@ -92,6 +92,7 @@ def test_each_way_that_fails_is_followed_once_and_twelve_at_most():
     assert GATE in list_listeners(verification, probes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("filters", "component"),
     [

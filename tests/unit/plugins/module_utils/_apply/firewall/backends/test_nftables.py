@@ -233,6 +233,7 @@ def packets(wires, sources, protocol="udp"):
     return [(protocol, source, place) for version in (4, 6) for source in sources[version] for place in places[version]]
 
 
+@pytest.mark.slow
 def test_without_the_filter_they_reach_a_port(wires):
     """Or the other tests could not fail."""
     with wires[1].hearing("out") as heard:
@@ -281,6 +282,7 @@ def test_a_gateway_passes_on_no_forged_packet_in_its_own_name(wires):
     assert heard == [f"{MEMBER} > {INNER}"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", [GUARDED, GUARDED._replace(members=(), networks=())], ids=["whole", "beside"])
 def test_an_address_comes_in_at_its_interface_alone(wires, wanted):
     """To the computer and through it, of IPv4 and IPv6; also the guards alone, beside another back end."""
@@ -300,6 +302,7 @@ def test_an_address_comes_in_at_its_interface_alone(wires, wanted):
         assert sorted(behind) == sorted([f"{source} > {place}" for source, place in passed_on] * heard_forged)
 
 
+@pytest.mark.slow
 def test_no_packet_passes_while_all_rules_are_loaded_anew(wires, tmp_path):
     """As nftables.service does it with our drop-in, hundreds of times beside packets each 5 ms."""
     stranger, victim, _inner = wires
@@ -321,6 +324,7 @@ def test_no_packet_passes_while_all_rules_are_loaded_anew(wires, tmp_path):
     assert times > 5 and set(heard) == {f"{MEMBER} > {VICTIM}"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_any_source_comes_in_only_where_the_rules_let_it(wires, seed):
     """Sources of all kinds, drawn by a generator: members pass, nothing else does."""
