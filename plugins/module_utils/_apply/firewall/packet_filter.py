@@ -97,23 +97,22 @@ def _parse_guard(guard: typing.Mapping[str, typing.Any]) -> Guard:
 
 def _parse_networks(option: str, texts: typing.Iterable[str]) -> typing.List[str]:
     """The addresses and networks in normal form, without those inside a larger one of them."""
-    networks: typing.List[_Network] = []
+    networks: typing.Dict[_Network, None] = {}  # in their order
     for text in texts:
         try:
-            network = ipaddress.ip_network(text)
+            networks[ipaddress.ip_network(text)] = None
         except ValueError as problem:
             raise Problem(
                 f"{option} has {text!r}, which is no address and no network ({problem}); expected for example 192.168.1.229 or "
                 "192.168.11.0/24: correct it."
             ) from problem
-        if network not in networks:
-            networks.append(network)
-    return [_format_network(network) for network in networks if not any(_is_part(network, other) for other in networks)]
+    lengths = {network.prefixlen for network in networks}
+    return [_format_network(network) for network in networks if not _has_larger(network, networks, lengths)]
 
 
-def _is_part(network: _Network, other: _Network) -> bool:
-    """True if the other network is larger and contains this one. Of two networks that overlap, one contains the other."""
-    return network.version == other.version and network.prefixlen > other.prefixlen and network.overlaps(other)
+def _has_larger(network: _Network, networks: typing.Container[_Network], lengths: typing.Iterable[int]) -> bool:
+    """Return True if one of these networks contains this one; `lengths` are their prefixes. The time grows with the prefixes alone."""
+    return any(network.supernet(new_prefix=length) in networks for length in lengths if length < network.prefixlen)
 
 
 def _format_network(network: _Network) -> str:
