@@ -102,7 +102,7 @@ def prove_all(listing: Mapping[str, Any], connection: Path) -> list[Result]:
 
 
 def prove_twins(listing: Mapping[str, Any], connection: Path) -> list[Result]:
-    """Prove that the station distinguishes robots of one kind; the others have nothing of each other."""
+    """Prove that the station distinguishes robots of one kind; robots of other kinds see nothing of each other."""
     say(
         "the same programs on each robot; rostopic, rosservice, actionlib and tf2 at the station, which know nothing of the relay"
     )

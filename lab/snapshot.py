@@ -31,7 +31,7 @@ TREES = (
 )
 # Files that tools of Ansible and ROS leave behind wherever they run.
 PASSING = {".ansible", ".bash_history", ".cache", ".ros", "__pycache__"}
-# Kernel values that count, or that nobody may read or that are made anew at each boot.
+# Kernel values that count up, that no user may read, or that are made anew at each boot.
 VARYING = ("/proc/sys/net/netfilter/nf_conntrack_count", "/proc/sys/net/ipv4/tcp_fastopen_key")
 
 

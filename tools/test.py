@@ -291,7 +291,7 @@ def demonstration(name: str, seconds: float, *options: str, layout: str = "", gr
 
 
 def draw(group: str, *numbers: str) -> Suite:
-    """Faults that nobody foresaw, by a seed."""
+    """Faults that are drawn at random, by a seed."""
     words = (sys.executable, "tests/faults/fuzz.py", "--seed=3", "--labs=2", "--only", *numbers)
     return Suite(group, "drawn", words, faults, cores=LAB_CORES, seconds=45.0 * len(numbers), labs=("fuzz", "fuzz1"))
 
@@ -407,7 +407,7 @@ WORDS = {"check": CHECK, "quick": ("quick:unit", *(f"lint:{name}" for name in AN
 
 
 def choose_suites(words: Sequence[str]) -> list[Suite]:
-    """The suites that are named, those that end early first; all but those on request, if none is named."""
+    """The suites that are named, those that end early first; all but those on request, if the words name no suite."""
     names = [name for word in words for name in WORDS.get(word, (word,))]
     known = {suite.group for suite in SUITES} | {suite.label for suite in SUITES}
     unknown = [name for name in names if name not in known]

@@ -92,7 +92,7 @@ def ensure(suite: str) -> Path:
     for tool in ("mmdebstrap", "mkfs.ext4", "qemu-img", "qemu-system-x86_64"):
         if not shutil.which(tool):
             raise LabError(f"{tool} is not installed: run 'make lab-vm'.")
-    if disk.folder.exists():  # nobody waits for a disk of another release that is being built
+    if disk.folder.exists():  # a caller does not wait while the disk of another release is built
         return disk.folder
     with image.hold_alone():
         if not disk.folder.exists():

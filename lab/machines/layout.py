@@ -185,8 +185,8 @@ def hosts_of(listing: Mapping[str, Any], extras: Mapping[str, Extra] | None = No
         for address in extra.addresses:
             addresses.add(name, address)
 
-    # The report's common network has a router at its first address. The lab's may have nobody there; what counts is the
-    # default route, without which no multicast leaves a computer.
+    # The report's common network has a router at its first address. In the lab, that address may be free: only the
+    # default route counts, without which no multicast leaves a computer.
     gateways = {common: variables[robots[0]].get("multimaster_router") or str(common[1])}
     gateways.update({port.network: str(port.ip) for name in routers for port in addresses.ports(name)})
     return [

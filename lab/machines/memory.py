@@ -35,7 +35,7 @@ def _field(file: Path, field: str) -> int:
 
 
 class Peak:
-    """The most that a lab held between the beginning and the end of the block, in bytes; 0 if nobody accounts it."""
+    """The most that a lab held between the beginning and the end of the block, in bytes; 0 if the kernel does not account it."""
 
     def __init__(self, lab: str) -> None:
         self.bytes = 0

@@ -54,7 +54,7 @@ def configuration() -> str:
 
 @contextlib.contextmanager
 def hold(lock: Path) -> Iterator[None]:
-    """Hold the lock of this file: nobody else does, in this process or in another one."""
+    """Hold the lock of this file: no other thread has it, in this process or in another one."""
     lock.parent.mkdir(parents=True, exist_ok=True)
     with lock.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)

@@ -19,7 +19,7 @@ from machines.podman import LOCK, WORK, hold
 FILES = Path(__file__).parents[1] / "files"
 UNITS = ("lab-ssh.socket", "lab-ssh@.service")  # only of containers
 OPERATOR = (1000, 37)  # a person's account: its user and group, the group being Debian's own "operator"
-# Who keeps secrets in a file insists that nobody else reads it.
+# A program that keeps secrets in a file insists that its user alone may read the file.
 PRIVATE = ("root/.ssh/", "home/operator/.ssh/", "etc/NetworkManager/system-connections/", "etc/netplan/")
 
 Files = dict[str, tuple[str, int]]  # path -> content, mode

@@ -88,7 +88,7 @@ class Cast:
         return self._free(_network(own or next(iter(self.variables.values())), common=not robot))
 
     def _free(self, network: ipaddress.IPv4Network) -> str:
-        """An address that nobody has."""
+        """An address that no computer has."""
         names = ("multimaster_address", "multimaster_common_address", "multimaster_router", "multimaster_gateway")
         taken = {str(own.get(name)) for own in self.variables.values() for name in names}
         first, last = int(network.network_address), int(network.broadcast_address)
@@ -103,7 +103,7 @@ def _network(own: Mapping[str, Any], *, common: bool = False) -> ipaddress.IPv4N
 
 
 def cast_of(robots: Mapping[str, Sequence[str]], variables: Mapping[str, Mapping[str, Any]]) -> Cast:
-    """Choose who plays whom. A part that nobody can play is missing."""
+    """Choose the computers and robots that play those of the catalogue. A part is missing if the fleet has no computer or robot for it."""
     free = {robot: variables[hosts[0]] for robot, hosts in robots.items() if hosts}
     computers: dict[str, str] = {}
     names: dict[str, str] = {}

@@ -86,7 +86,7 @@ class Device:
 
 @dataclass(frozen=True)
 class SealedComputer:
-    """A computer where nobody logs in: its address, and the gateway of its network. Empty: it is in the common network."""
+    """A computer without a login for people: its address, and the gateway of its network. Empty: it is in the common network."""
 
     address: str
     gateway: str = ""
@@ -138,7 +138,7 @@ def _replace_impossible(host: str, given: Mapping[str, Any], notes: list[str]) -
 
 
 def _name_forgotten(values: Mapping[str, Any]) -> Iterator[str]:
-    """Name the robots that a declaration of data flow leaves out: nobody else can know whether one was forgotten."""
+    """Name the robots that a declaration of data flow leaves out: only the person who wrote it knows if one was forgotten."""
     for robot, hosts in values["robots"].items():
         exports = values["variables"][hosts[0]].get("multimaster_exports") if hosts else None
         named = [entry.get("to") or list(values["robots"]) for entry in exports or ()]

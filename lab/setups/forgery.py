@@ -43,7 +43,7 @@ def send(lab, attack: Attack) -> None:
 
 
 def stop(lab, attack: Attack) -> int:
-    """End both senders. Returns how often the stranger has sent all; it has not ended before."""
+    """End both senders. Returns the number of times that the stranger has sent all. It never ends by itself."""
     lab.run(attack.stranger, f"systemctl is-active {FORGER}")
     lab.stop(attack.stranger, FORGER)
     lab.run(attack.honest[0], f"systemctl stop {TICKER}", check=False)

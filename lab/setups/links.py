@@ -104,7 +104,7 @@ def message_times(lab, here: str, since: float = 0.0) -> dict[str, list[float]]:
 
 
 def measure_recovery(times: list[float], since: float, to: float, gap: float = 1.0) -> float:
-    """Seconds from `since` to the first message after which there is none missing for longer than `gap` seconds."""
+    """Seconds from `since` to the first message after which no message is missing for longer than `gap` seconds."""
     times = [since, *(at for at in times if since < at < to), to]
     after = [later for earlier, later in zip(times, times[1:]) if later - earlier > gap]
     return (after[-1] if after else times[1]) - since

@@ -114,7 +114,7 @@ class FilterLab(Lab):
             self.run(host, "ip neighbour flush all")
 
     def shows(self, host):
-        """Our rules on a robot, by the program that has them; empty if there are none."""
+        """Our rules on a robot, by the program that has them; empty if the robot has no rules of ours."""
         return self.run(host, self.filters[host].shows, check=False)
 
     def play_filter(self, *options, **variables):

@@ -71,7 +71,7 @@ def _read_reported(variables: Mapping[str, Any], name: str, kept: Mapping[str, s
 
 
 def _check_place(variables: Mapping[str, Any], path: Path, computers: Iterable[str]) -> None:
-    """Refuse the folder of the inventory as the place of the file, if there are several inventories, or none. Raises tunnel.WrongKeys."""
+    """Refuse the folder of the inventory as the place of the file, if the run has several inventories, or no inventory. Raises tunnel.WrongKeys."""
     hosts = variables.get("hostvars", {})
     places = {str(hosts[name].get("inventory_dir")) for name in computers if name in hosts}
     if str(path.parent) in places and (len(places) > 1 or "None" in places):

@@ -293,7 +293,7 @@ class Files:
         return next(filter(None, (self._read(name, computers) for name in names)), {})
 
     def _read(self, name: str, computers: Collection[str]) -> dict[str, Any]:
-        """Read the data of a run of this fleet; empty if the file has none."""
+        """Read the data of a run of this fleet; empty if the file has no data of this fleet."""
         path = self.data.with_name(name)
         try:
             if path.stat().st_size <= LARGEST_DATA:

@@ -109,7 +109,7 @@ def results_of(answer: Result) -> dict[str, list[Result]]:
 
 
 def _mark_confirmed(results: Sequence[Result]) -> list[Result]:
-    """Return the results of a concern, those that waited as confirmed; an empty list if none waited."""
+    """Return the results of a concern, those that waited as confirmed; an empty list if no result waited."""
     confirmed = {"unconfirmed": False, "confirmed": True}
     marked = [{**one, **confirmed} if one.get("unconfirmed") else one for one in results]
     return marked if marked != list(results) else []

@@ -72,7 +72,7 @@ def _list_names(tasks: Iterable[dict[str, Any]]) -> Iterator[str]:
 
 
 def check_order(steps: Iterable[Step]) -> None:
-    """Raise ValueError if the role has not the tasks of these steps in their order."""
+    """Raise ValueError unless the role has the tasks of these steps in their order."""
     names = list(_list_names(yaml.safe_load((ROLE / "tasks/main.yml").read_text(encoding="utf-8"))))
     shown = [task for step in steps for task in step.tasks]
     lost = [task for task in shown if task not in names]

@@ -244,7 +244,7 @@ def split(given):
 
 
 def request(rng, own):
-    """The bytes of one request; now and then one that is none."""
+    """The bytes of one request; now and then bytes that are no request."""
     body = document(rng, own)
     kind = rng.random()
     if kind < 0.12:

@@ -199,7 +199,7 @@ def remove_keys(drawn, true):
 
 
 def add_keys(drawn, true):
-    """Keys that nobody documents, and lists that repeat their items."""
+    """Keys that no document names, and lists that repeat their items."""
     for _number in range(drawn.choice([1, 3, 10])):
         target = true
         path = drawn.choice(list(places(true)) or [()])

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Inputs that nobody should send, by protocol, each out of a `random.Random`: heartbeats, filters, values, states, requests.
+"""Inputs that no program should send, by protocol, each out of a `random.Random`: heartbeats, filters, values, states, requests.
 
 Tests of the nodes draw here, and so do the programs that attack a lab (tests/long/fuzz_*.py, fuzz_roscore.py).
 """
@@ -170,7 +170,7 @@ def state(rng, uris, names=(), own=()):
 
 
 def valid(rng):
-    """A call of a method that a discovery has, or has not."""
+    """A call of a method: some are those of a discovery, some are unknown to it."""
     method = rng.choice(METHODS)
     arguments = (
         [filters(rng)]

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A master that nobody asked for: rogue.py OWN_ADDRESS VICTIM URI NAME SECONDS. Prints the questions that it got, as JSON.
+"""A master that belongs to no fleet: rogue.py OWN_ADDRESS VICTIM URI NAME SECONDS. Prints the questions that it got, as JSON.
 
 VICTIM is an address, or the group. It offers topics that would steer a robot: publishers of /cmd_vel and /tf, and a service.
 """

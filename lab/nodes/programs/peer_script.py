@@ -232,7 +232,7 @@ class Peer:
             time.sleep(0.05)
 
     def leave(self):
-        """The end of every exchange: nobody answers any more, and says so."""
+        """The end of every exchange: the peer answers no more, and says so."""
         for server in self.servers.values():
             server.close()
         self.send(fill("52020000 ffffffff ffffffff $port 0000 ffffffff ffffffff", self.known))

@@ -132,7 +132,7 @@ def _bind(path: str) -> socket.socket:
 
 
 def admit(door: socket.socket) -> typing.Tuple[socket.socket, Line]:
-    """Accept the next visitor; a request that is not understood is empty."""
+    """Accept the next visitor; a request in a wrong form counts as an empty one."""
     connection = door.accept()[0]
     connection.settimeout(2)
     try:
@@ -182,7 +182,7 @@ class Visit:
 
 
 def ask(path: str, request: Line, seconds: float) -> Line:
-    """Ask the process of a door, and read its reply; empty if none listens, or if it ends without one."""
+    """Ask the process of a door, and read its reply; empty if no process listens, or if the process ends without a reply."""
     try:
         return Visit(path, request).reply(seconds) or {}
     except OSError:

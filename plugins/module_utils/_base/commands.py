@@ -38,7 +38,7 @@ class Answer(typing.NamedTuple):
 
     @property
     def last_error(self) -> str:
-        """The last line of the errors, empty if there is none."""
+        """The last line of the errors, empty if the command wrote no error."""
         return (self.error.splitlines() or [""])[-1]
 
 

@@ -52,7 +52,7 @@ def stretch(seconds: float) -> float:
 def call_all(function: typing.Callable, items: typing.Sequence, limit: float, late: typing.Callable) -> typing.List:
     """Call a function for each item in several threads; after `limit` seconds, at the pace of this machine, late(item) replaces a missing result.
 
-    An exception of a call ends the others that have not begun, and is raised here.
+    An exception of a call ends the calls that still wait for their beginning, and is raised here.
     The threads are daemons, so a name server that never answers does not keep the process.
     """
     results: typing.Dict[int, typing.Any] = {}

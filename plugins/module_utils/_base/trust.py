@@ -116,7 +116,7 @@ def _is_shared(path: str, status: os.stat_result) -> bool:
         if os.getxattr(path, _ACL, follow_symlinks=False):
             return True
     except OSError:
-        pass  # it has none
+        pass  # the file has no access control list
     try:
         members = set(grp.getgrgid(status.st_gid).gr_mem)
     except KeyError:

@@ -103,7 +103,7 @@ def find_struct(kind: typing.Any) -> typing.Optional[typing.Type["Struct"]]:
 
 
 def make_sample(entry: Field) -> typing.Any:
-    """Return an example of a field as plain data; None if it has none."""
+    """Return an example of a field as plain data; None if the field has no example."""
     struct = find_struct(entry.kind)
     if entry.sample is not None or struct is None:
         return entry.sample

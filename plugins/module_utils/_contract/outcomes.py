@@ -24,7 +24,7 @@ class Outcome(enum.Enum):
     NO_LOCAL_PORT = "no_local_port"  # this computer has no free port for the connection
     NO_FILE = "no_file"  # this process has as many files open as it may
     NO_FILE_HERE = "no_file_here"  # all processes of this computer together have
-    NO_MEMORY = "no_memory"  # the kernel here has none for the socket or the packet
+    NO_MEMORY = "no_memory"  # the kernel here has no memory for the socket or the packet
     NOT_PERMITTED = "not_permitted"  # a packet filter here does not let it go out
     CLOSED_ROUTE = "closed_route"  # a rule or a route here leads nowhere
     UNKNOWN_NAME = "unknown_name"  # the name has no address

@@ -34,7 +34,7 @@ def classify_error(problem: typing.Optional[BaseException]) -> typing.Tuple[Outc
     """Return the outcome that an exception means, and its errno if the kernel gave one."""
     if isinstance(problem, socket.timeout):
         return Outcome.NO_ANSWER, problem.errno
-    if isinstance(problem, socket.gaierror):  # its number is none of the kernel's
+    if isinstance(problem, socket.gaierror):  # its number is no errno of the kernel
         return Outcome.UNKNOWN_NAME, None
     number = problem.errno if isinstance(problem, OSError) else None
     return _OUTCOMES.get(number or 0, Outcome.FAILED), number

@@ -66,7 +66,7 @@ def read_sockets(protocol: str, proc: str = "/proc") -> typing.List[Socket]:
 
 
 def count_waiting(port: int, proc: str = "/proc") -> typing.Optional[int]:
-    """Count the TCP connections to a port of this computer that its program has not taken yet; None if nothing listens.
+    """Count the TCP connections to a port of this computer that still wait for its program to take them; None if no program listens.
 
     A program that hangs leaves them; a connection that a packet filter drops never waits. The kernel reports this of a socket that listens as its
     receive queue (net/ipv4/tcp_ipv4.c, get_tcp4_sock).

@@ -3,7 +3,7 @@
 
 """A program that asks the shell of a person for variables. A process of that person runs only this source.
 
-The shell has no terminal, no input, an output that nobody reads, and a few seconds. Background processes of its files end with it.
+The shell has no terminal, no input, an output that is thrown away, and a few seconds. Background processes of its files end with it.
 """
 
 import ctypes

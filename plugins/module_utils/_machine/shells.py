@@ -65,7 +65,7 @@ def exports(root: str = "/") -> Rows:
     """Find older assignments of VARIABLES in the files that shells read, and ask the shells of persons for the results.
 
     A person's files are read as that person, with a limit of time: so a link to a file of root's gives nothing away. Many
-    persons are read at once, and a home folder on a dead network disk costs the files of nobody else.
+    persons are read at once, and a home folder on a dead network disk costs no other person's files.
     """
     under = os.path.join(root, "")
     own = _list_personal(under)

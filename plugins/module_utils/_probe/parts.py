@@ -211,7 +211,7 @@ def is_due(part: Part, params: Params, check_mode: bool) -> bool:
     return not (check_mode and part.runs_commands) and (params["is_master"] or not part.final)
 
 
-PartResult = typing.Tuple[Part, typing.Any, str]  # a part, its value, and why there is none
+PartResult = typing.Tuple[Part, typing.Any, str]  # a part, its value, and the reason if the value is missing
 
 
 def look(params: Params, check_mode: bool) -> Result:

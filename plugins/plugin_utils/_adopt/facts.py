@@ -232,7 +232,7 @@ def _read_masters(info: Info) -> Iterable[Uri]:
 
 
 def uri(text: Any) -> Uri | None:
-    """Return host and port of a URI such as http://tibi-nav:11311; None if it is none."""
+    """Return host and port of a URI such as http://tibi-nav:11311; None if the text is no such URI."""
     host, port = place_of(str(text))
     if not str(text).lower().startswith("http:") or not (is_host_name(host) or is_address(host)):
         return None

@@ -19,7 +19,7 @@ from .facts import CARRIER_GRADE, FoundMachine, Uri
 
 NO_URI = "no ROS_MASTER_URI with the place of one was found in its files and shells"
 EVERYWHERE = IPv4Network("0.0.0.0/0")
-# Prefix lengths of a network for single addresses: an inventory has none above 30, and networks of persons begin at 10.0.0.0/8.
+# Prefix lengths of a network for single addresses: an inventory has no network longer than /30, and networks of persons begin at 10.0.0.0/8.
 _SMALLEST, _LARGEST = 30, 8
 THIS = ("localhost", "127.0.0.1", "127.0.1.1")  # how a computer names itself
 
@@ -37,7 +37,7 @@ class Machines:
 
     @cached_property
     def made_networks(self) -> Mapping[IPv4Network, str]:
-        """Networks that nobody has said: for single addresses of several machines, as those of Tailscale -> their interfaces."""
+        """Networks that no machine has told: for single addresses of several machines, as those of Tailscale -> their interfaces."""
         groups: dict[str, dict[IPv4Address, str]] = defaultdict(dict)
         for name, machine in self.by_name.items():
             for address, device in machine.singles.items():

@@ -43,7 +43,7 @@ SED_DOTS = {"name": (".", r"\."), "setting": (".", "[./]")}
 
 
 def command(words: str, *values: tuple[str, object]) -> str:
-    """Put values, each with its form, at the {} of our words. Empty if a value has not its form."""
+    """Put values, each with its form, at the {} of our words. Empty if a value has another form."""
     texts = [format_value(form, str(value)) for form, value in values]
     return words.format(*texts) if all(texts) else ""
 
@@ -51,14 +51,14 @@ def command(words: str, *values: tuple[str, object]) -> str:
 def accept_between(networks: Iterable[IPv4Network], chain: str) -> str:
     """Make the command that puts first into a chain of nft a rule that accepts all packets between these networks.
 
-    Empty if the chain has not its form.
+    Empty if the chain has another form.
     """
     among = f"{{{{ {', '.join(map(str, sorted(networks)))} }}}}"
     return command(f"nft insert rule {{}} ip saddr {among} ip daddr {among} accept", ("chain", chain))
 
 
 def format_value(form: str, text: str) -> str:
-    """The text as a command has it, empty if it has not this form. A route, a rule and a chain are several words."""
+    """The text as a command has it, empty if the text has another form. A route, a rule and a chain are several words."""
     if len(text) > LONGEST or not FORMS[form].fullmatch(text):
         return ""
     if any(shlex.quote(word) != word for word in text.split(" ")):

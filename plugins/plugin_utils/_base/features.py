@@ -92,7 +92,7 @@ class FeaturePart:
 
     @classmethod
     def find(cls: type[P], whole: _Whole) -> P | None:
-        """Return the part of this feature; None if the whole has none."""
+        """Return the part of this feature; None if the whole has no part of this feature."""
         found = whole.features.get(cls.feature)
         return found if isinstance(found, cls) else None
 

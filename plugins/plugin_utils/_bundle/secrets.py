@@ -92,7 +92,7 @@ FORMS = {
     "a line of a key": (
         rf"(?<![A-Za-z0-9+/=_.-])(?!/){_UPPER}{_LOWER}{_DIGIT}[A-Za-z0-9+/]{{60,}}={{0,2}}(?![A-Za-z0-9+=_.-])"
     ),
-    # A key of WireGuard, also its public half: nobody sees which of the two it is.
+    # A key of WireGuard, also its public half: the text does not show which of the two it is.
     "32 bytes in base64": r"(?<![A-Za-z0-9+/])[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=(?![A-Za-z0-9+/=])",
     "bytes in base64, filled up": (
         rf"(?<![A-Za-z0-9+/=_.-]){_UPPER}{_LOWER}{_DIGIT}[A-Za-z0-9+/]{{20,}}={{1,2}}(?![A-Za-z0-9+/=_.-])"

@@ -17,7 +17,7 @@ READ, ALWAYS = "if it was looked at", "always"
 CONTROLLER, INVENTORY = "the controller", "the inventory"  # places of an advice that is no computer
 HANDS = ""  # no command does it
 UNKNOWN_INVENTORY = "INVENTORY"  # in a command if the run does not know it
-#: word in an advice -> its text if nobody has read its value, as on the pages
+#: word in an advice -> its text if its value was not read, as on the pages
 UNREAD: Mapping[str, str] = {
     "address": "<address of {place}>",
     "device": "<interface>",
@@ -118,7 +118,7 @@ class Fault(NamedTuple):
     why: str = ""
     hard: bool = True
     read: str = ""
-    what: str = ""  # a default for a component that has none
+    what: str = ""  # the text for a component whose own `what` is empty
 
     @property
     def example(self) -> str:

@@ -212,7 +212,7 @@ Giver = tuple[Robot, Export]
 def _find_meeting_names(parties: Sequence[Robot], robots: Sequence[str]) -> list[str]:
     """Return a sentence for a topic that comes to a robot by one name from two robots, or twice from one, if a relay renames or slows it.
 
-    Two patterns of which none is within the other, such as /*/x and /y/*, are not compared.
+    Two patterns that only overlap, such as /*/x and /y/*, are not compared.
     """
     by_name = {party.name: party for party in parties}
     meetings: dict[tuple[str, str, str], list[str]] = {}  # both givers and the name -> receivers
@@ -459,7 +459,7 @@ def _find_wrong_seals(robots: Sequence[Robot], inventory: Inventory, shared: Fle
 
 
 def _find_wrong_companion(robot: Robot) -> Iterator[str]:
-    """Yield a sentence if nobody, or the wrong computer, is to run the nodes for a sealed roscore."""
+    """Yield a sentence if no computer, or the wrong one, is to run the nodes for a sealed roscore."""
     host, companion, choices = robot.hosts[0], robot.variables.companion, ", ".join(robot.hosts)
     if companion is None:
         if robot.has_sealed_master and len(robot.hosts) > 1:

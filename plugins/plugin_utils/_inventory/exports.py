@@ -189,7 +189,7 @@ def _read_entries(entry: Mapping[Any, Any]) -> Iterator[Export]:
 
 
 def _check_renamed(whole: Export, named: Sequence[str], renamed: Sequence[Any]) -> None:
-    """Raise UnexpectedValue where 'as' has not another name for each name of an entry, or one for a name that the entry has not."""
+    """Raise UnexpectedValue unless 'as' has another name for each name of an entry, and for these names alone."""
     wanted = "at 'as' a namespace such as /front, or another name for each topic, service and action of the entry, such as {/scan: /front/scan}"
     unknown = next((name for name in renamed if name not in named), None)
     if unknown is not None:

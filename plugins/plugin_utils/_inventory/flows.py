@@ -79,7 +79,7 @@ def find_outer_name(channel: Mapping[str, Any], name: str) -> str:
 
 
 def find_inner_name(channel: Mapping[str, Any], name: str) -> str | None:
-    """Return the name on the robot with the inner ones; None if the channel has none for it."""
+    """Return the name on the robot with the inner ones; None if the channel does not carry the name."""
     rest = name[len(channel["as"]) :]
     inside = name.startswith(channel["as"]) and (not rest or rest.startswith("/"))
     return (channel["base"] + rest or None) if inside else None

@@ -29,7 +29,7 @@ def default_offline_after(rate: float) -> float:
 
 
 def fill_offline_after(fleet: Fleet) -> Fleet:
-    """Return the fleet with the seconds of silence that it has by default, if none are set."""
+    """Return the fleet with the default seconds of silence, unless the inventory sets some."""
     after = fleet.variables.offline_after or default_offline_after(fleet.variables.heartbeat_hz)
     return replace(fleet, variables=replace(fleet.variables, offline_after=after))
 

@@ -3,7 +3,7 @@
 
 """The file of an inventory that a problem is corrected in, and problems that several robots have for one reason. Pure.
 
-Sentences name the file that a robot of its own would have, group_vars/ROBOT.yml, or none. Several robots may have one file, that of a
+Sentences name the file that a robot of its own would have, group_vars/ROBOT.yml, or no file. Several robots may have one file, that of a
 group above them, and a fault in it is one fault.
 """
 

@@ -290,10 +290,10 @@ class ComputerPlan:
     is_master: bool = False  # it runs discovery and sync of its robot: the master, or its companion
     is_gateway: bool = False
     is_router: bool = False
-    roscore: str = "managed"  # or existing, or sealed: on another computer, where nobody logs in
+    roscore: str = "managed"  # or existing, or sealed: on another computer, without a login for people
     roscore_port: int = 0
     ros_setup: str = "auto"
-    shells: str = "all"  # or names, or none: the part of the environment that shells get
+    shells: str = "all"  # or names, or nothing: the part of the environment that shells get
     sysctl: tuple[Setting, ...] = ()
     routes: tuple[PlannedRoute, ...] = ()
     routes_expected: tuple[ExpectedRoute, ...] = ()
@@ -330,7 +330,7 @@ class ComputerPlan:
 
     @property
     def carrier(self) -> str:
-        """The name of the feature that makes the common network here; empty if none does."""
+        """The name of the feature that makes the common network here; empty if no feature makes it."""
         return next((part.carries for part in self.features.values() if part.carries), "")
 
     @property

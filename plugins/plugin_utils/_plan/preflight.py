@@ -86,7 +86,7 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
             warnings += [*_check_exports(plan, info), *_check_sshd(plan, info)]
         ros, chosen = list(_check_ros(plan, info)), info["ros"].get("chosen")
         if chosen and chosen["missing"] and chosen["python_version"]:
-            broken_ros = ros[0]  # without a version, the interpreter that was to import them has not answered
+            broken_ros = ros[0]  # an empty version means that the interpreter which was to import them gave no answer
         if not ros:
             warnings += set_up.list_warnings(plan.computer, chosen, plan.shells)
             nodes = providers.find_nodes(plan, chosen, info)

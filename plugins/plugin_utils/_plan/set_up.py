@@ -21,7 +21,7 @@ def list_warnings(host: str, chosen: Mapping[str, Any], shells: str = "all") -> 
     variables = chosen.get("environment", {})
     withheld = set(variables) - set(chosen.get("for_root", variables))
     if shells != "all":
-        pass  # nobody's shell is to get the variables of the set-up file
+        pass  # no person's shell is to get the variables of the set-up file
     elif doubt:
         below = chosen.get("below", "")
         rest = f"those of {quote(below)}" if below else "the collection's own only, such as ROS_MASTER_URI"

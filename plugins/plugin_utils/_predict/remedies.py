@@ -82,7 +82,7 @@ def _open_route(scene: Scene, machine: Machine, way: Trace) -> Iterator[Advice]:
 
 
 def _correct_address(scene: Scene, _machine: Machine, way: Trace) -> Iterator[Advice]:
-    """Name the variable with the address that nobody has, and the address that its computer has in that network."""
+    """Name the variable with the address that no computer has, and the address that its computer has in that network."""
     hop = way.hops[-1].to if way.hops else None
     for name, plan in scene.fleet.computers.items():
         for variable, address in (("address", plan.address), ("common_address", plan.common_address)):

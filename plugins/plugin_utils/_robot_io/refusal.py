@@ -59,7 +59,7 @@ def _read_version(text: str) -> tuple[int, ...]:
 
 
 def name_inventory(task_vars: Mapping[str, Any]) -> str:
-    """Name the inventory of this run as a command has it after -i; empty if it has none, as with -i host,."""
+    """Name the inventory of this run as a command has it after -i, also a list such as `host,`; empty if Ansible names no inventory."""
     sources = [str(source) for source in task_vars.get("ansible_inventory_sources") or ()]
     paths = [source if "," in source else min(source, os.path.relpath(source), key=len) for source in sources]
     return " -i ".join(map(shlex.quote, paths))

@@ -80,7 +80,7 @@ def _find_sessions(
     by_inode = {connection.inode: connection for connection in connections if connection.port in listening}
     sessions: typing.List[Session] = []
     for pid, name, _start in ancestors(proc):
-        if pid <= 1:  # the first process serves nobody
+        if pid <= 1:  # the first process (init) belongs to no login
             break
         with contextlib.suppress(OSError):  # the process has ended, or root in a container may not look
             served = [by_inode.pop(inode) for inode in ports.list_inodes(pid, proc) if inode in by_inode]

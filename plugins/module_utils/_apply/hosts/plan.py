@@ -172,7 +172,7 @@ def _find_place(lines: typing.List[_Line], owned_lines: typing.List[int]) -> int
 
     Other programs keep lines of theirs between two comments, in words of their own, and write all that is between them anew.
     """
-    # Before the last piece: that is what follows the last newline, or a line that has none and keeps none.
+    # Before the last piece: that is what follows the last newline, or a line without a newline, which stays without one.
     last = len(lines) - 1
     texts = [(line.user or b"").strip() for line in lines]
     comments = [index for index, text in enumerate(texts) if b"#" in text and text != _HEADING]

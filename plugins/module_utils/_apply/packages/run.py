@@ -151,7 +151,7 @@ class Packages(ModuleRun):
 
 
 def _find_replaced(names: typing.Sequence[str]) -> typing.Dict[str, typing.List[str]]:
-    """Find the packages that each of these replaces. Mostly there are none, and one question is enough."""
+    """Find the packages that each of these replaces. Mostly no package is replaced, and one question is enough."""
     if not names or not find_removals(_simulate(names)):
         return {}
     found = {name: find_removals(_simulate([name])) for name in names}

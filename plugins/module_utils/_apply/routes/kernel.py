@@ -246,7 +246,7 @@ def read_routes(version: int, table: int) -> typing.List[KernelRoute]:
 def change_route(argv: typing.Sequence[str], may_refuse: bool = False) -> None:
     """Make one change by a command. Raises Problem with the kernel's own words.
 
-    With `may_refuse`, only if the kernel has not been asked: the command gave no answer, or could not be started.
+    With `may_refuse`, only if the question did not reach the kernel: the command gave no answer, or could not be started.
     """
     answer = run(argv, limit=_LIMIT)
     if answer.status < 0 or (answer.status > 0 and not may_refuse):

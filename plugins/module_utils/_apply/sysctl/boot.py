@@ -95,7 +95,7 @@ def normal(value: str) -> str:
 
 _WHOLE = re.compile(r"-?[0-9]+")
 _BASES = (("0x", 16), ("0", 8))
-_NUMBER = re.compile(r"-?(0[xX][0-9a-fA-F]{1,16}|0[0-7]{0,22}|[1-9][0-9]{0,19})")  # of 64 bits, none is longer
+_NUMBER = re.compile(r"-?(0[xX][0-9a-fA-F]{1,16}|0[0-7]{0,22}|[1-9][0-9]{0,19})")  # 64 bits at most
 
 
 def read_value(text: str, like: str) -> str:
@@ -191,7 +191,7 @@ class Tree(typing.NamedTuple):
         return here
 
     def read(self, path: str) -> str:
-        """The text of a file, "" if there is none, as for a link to /dev/null. Raises Problem."""
+        """The text of a file; "" if the file is missing or empty, as a link to /dev/null is. Raises Problem."""
         if path in self.overlay:
             return self.overlay[path] or ""
         real = self.real(path)

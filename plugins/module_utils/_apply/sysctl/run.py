@@ -123,7 +123,7 @@ class SysctlRun(ModuleRun):
             self.texts_before[RULES], self.texts_after[RULES] = self._read_own_text(RULES), wanted
 
     def _read_own_text(self, path: str) -> typing.Optional[str]:
-        """The text of a file of ours, the drop-in or the rules; None if there is none. Raises Problem for a file that is not ours."""
+        """The text of a file of ours, the drop-in or the rules; None if the file is missing. Raises Problem for a file of others."""
         place = self._place(path)
         if not os.path.lexists(place):
             return None

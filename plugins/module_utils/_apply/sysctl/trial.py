@@ -4,7 +4,7 @@
 """A trial of values by the kernel itself: they are written in an empty network namespace, which goes at once.
 
 So check mode knows the refusals of the run, and nothing of the machine changes. The namespace has a user namespace of its own
-(user_namespaces(7)), so that no value has the kernel load a module. If none can be made, as in most containers, and for
+(user_namespaces(7)), so that no value has the kernel load a module. If the namespace cannot be made, as in most containers, and for
 keys outside of net, nothing is known.
 """
 

@@ -130,7 +130,7 @@ class Switch:
 
         The steps of `undo` go in their order, each even if an earlier one fails. `memory` is data for JSON: all that
         the confirming run has to know of the state before; `network` the network state, to compare with after a rollback.
-        Raises Problem if the switch cannot be armed; then there is none.
+        Raises Problem if the switch cannot be armed; then no switch is left.
         """
         try:
             self.clear()

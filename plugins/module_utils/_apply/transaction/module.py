@@ -83,7 +83,7 @@ class PlainGuard:
     waits_for = 0
 
     def begin(self) -> typing.Any:
-        """Return the memory of an earlier run: there is none."""
+        """Return None, since a run without a dead-man's switch has no memory of an earlier run."""
         return None
 
     def apply(self, run: typing.Any) -> None:
@@ -108,7 +108,7 @@ class Concern(typing.NamedTuple):
     name: str
     options: Fields  # the argument_spec of its module, without that of a confirmation
     make: Make  # its ModuleRun; only a dead-man's switch has the memory of an earlier run
-    guarded: str = ""  # the thing that its switch guards, as in a sentence; empty if it has none
+    guarded: str = ""  # the thing that its switch guards, as in a sentence; empty without a switch
     many: bool = False  # multimaster_computer takes its options several times
     fixed: Fields = {}  # options that its place in the order of multimaster_computer decides
 

@@ -27,7 +27,7 @@ class Record:
         self.shape = shape
 
     def load(self) -> typing.Dict[str, typing.Any]:
-        """The saved object, or an empty one. Raises Problem if the file cannot be read, or has not the record's shape."""
+        """The saved object, or an empty one. Raises Problem if the file cannot be read, or has another shape than the record."""
         try:
             content = atomic.read_bytes(self.path)
         except OSError as problem:
@@ -100,7 +100,7 @@ def check_absolute(options: typing.Mapping[str, typing.Any], *names: str) -> Non
 
 
 def misfit(data: typing.Any, shape: Shape, place: str = "") -> str:
-    """Return the place at which data has not a shape, or nothing."""
+    """Return the place at which data differs from a shape; empty if it has that shape."""
     if isinstance(shape, list) and isinstance(data, list):
         parts = [(f"{place}[{index}]", value, shape[0]) for index, value in enumerate(data)]
     elif isinstance(shape, dict) and isinstance(data, dict):

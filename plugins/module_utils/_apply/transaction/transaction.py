@@ -53,7 +53,7 @@ class Sentence(str):
 
 
 class Unseen(Sentence):
-    """A sentence on something that could not be looked at, so nobody knows."""
+    """A sentence on something that the run could not look at, so its state is unknown."""
 
 
 def explain_failure(cause: Exception, left: typing.List[str]) -> str:

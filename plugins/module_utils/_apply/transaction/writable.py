@@ -69,7 +69,7 @@ def _longest_name(folder: str) -> int:
     """The longest name of a file, in bytes: its neighbour, which replaces it, has a longer one (atomic.py)."""
     try:
         return os.pathconf(folder, "PC_NAME_MAX") - len(atomic.NEIGHBOUR) - len("-4194304")
-    except (OSError, ValueError):  # a folder that is none
+    except (OSError, ValueError):  # the folder is missing, or is a file
         return 255
 
 

@@ -86,7 +86,7 @@ def _others(root: str, loaded: typing.Collection[str]) -> typing.Iterator[typing
     """Yield the foreign configurations of the services that are there."""
     ours = os.path.exists(os.path.join(root, OURS[0][1:]))
     for dialect in DIALECTS:
-        # While chrony reads our file, its own is nobody's but at the source, which includes it.
+        # While chrony reads our file, its own file counts only at the source, which includes it.
         if dialect.service not in loaded or (dialect.service == UNIT and ours):
             continue
         lines = list(_lines(root, dialect))

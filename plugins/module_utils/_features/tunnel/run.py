@@ -65,11 +65,11 @@ class TunnelRun(file_bundle.ManagedFiles):
         return {name: value for name, value in super().result().items() if name in ("files", "removed")}
 
     def undo_steps(self) -> typing.List[typing.List[str]]:
-        """Return the step that brings the tunnel of before back: the unit by its own files, or none."""
+        """Return the step that brings the tunnel of before back: the unit by its own files. Without an earlier tunnel, no step starts one."""
         return [_END, *([["systemctl", "restart", UNIT]] if _runs() else []), ["rm", "-rf", FOLDER]]
 
     def apply_runtime(self) -> None:
-        """Bring the tunnel up by the new files, or end it if there are none. Raises Problem."""
+        """Bring the tunnel up by the new files, or end it if the plan has no files. Raises Problem."""
         if not self.options["files"]:
             commands.run(_END)  # there may be none
             return

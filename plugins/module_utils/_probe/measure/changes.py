@@ -88,7 +88,7 @@ def format_time(when: float) -> str:
 
 
 def carrier(interface: str) -> str:
-    """Return the last line of the journal of this start about the link of an interface; empty if there is none."""
+    """Return the last line of the journal of this start about the link of an interface; empty if the journal has no such line."""
     pattern = rf"\b{re.escape(interface)}\b.*(link|carrier|disconnect|deauth)"
     argv = ["journalctl", "-b", "-q", "--no-pager", "-o", "short-iso", "-n", "1", "--grep", pattern]
     lines = commands.run(argv, limit=LOG).text.splitlines()

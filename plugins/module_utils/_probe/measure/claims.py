@@ -92,7 +92,7 @@ def question(mac: bytes, address: str) -> bytes:
 
 
 def answer(message: bytes) -> typing.Optional[typing.Tuple[str, str]]:
-    """Read the address and the hardware address out of an answer; None if it is none."""
+    """Read the address and the hardware address out of an answer; None if the message is no answer."""
     found = read_arp(message)
     return (found.sender, found.mac) if found and found.kind == REPLY else None
 

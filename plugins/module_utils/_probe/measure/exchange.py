@@ -46,7 +46,7 @@ def exchange(ros: Ros, members: typing.List[typing.Dict[str, typing.Any]], own: 
         types = {str(topic): str(kind) for topic, kind in ros.ask("getTopicTypes")}
         uris = node_uris(ros, *tables)
         claims = _claims(ros, tables[2])
-    except (OSError, TypeError, ValueError) as problem:  # or types that are none
+    except (OSError, TypeError, ValueError) as problem:  # or an answer in another form
         return Exchange(error=str(problem)).plain()
     imported = {
         node: master for master, nodes in claims.items() for node, uri in nodes.items() if uris.get(node) == uri
@@ -75,7 +75,7 @@ def _place(uri: str) -> typing.Dict[str, typing.Any]:
 
 
 def _add_sums(ros: Ros, topics: typing.List[typing.Dict[str, typing.Any]]) -> typing.Tuple[str, Outcome]:
-    """Give each topic the md5 sum of its type here; return why there are none, or an empty text, and the outcome."""
+    """Give each topic the md5 sum of its type here; return the reason if the sums are missing, else an empty text, and the outcome."""
     sums, problem, outcome = _md5sums(ros, sorted({topic["type"] for topic in topics if "/" in topic["type"]}))
     for topic in topics:
         topic["md5sum"] = sums.get(topic["type"], "")

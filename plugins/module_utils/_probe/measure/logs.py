@@ -13,7 +13,7 @@ _LIMIT = 20.0  # seconds for all of one service: a journal of gigabytes on a slo
 
 
 def last_lines(service: str, lines: int) -> typing.Tuple[typing.List[str], str]:
-    """Read the last lines of a service with their times, and say why there are none."""
+    """Read the last lines of a service with their times, and give the reason if the lines are missing."""
     command = ["journalctl", "--no-pager", "--quiet", "--no-hostname", "--output=short-iso", "--all"]
     answer = run([*command, f"--lines={lines}", f"--unit=multimaster-{service}.service"], limit=_LIMIT)
     if answer.status != 0:

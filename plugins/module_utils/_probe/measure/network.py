@@ -272,7 +272,7 @@ def ping(
 def _ask(
     link: socket.socket, results: typing.Dict[str, EchoAnswer], tries: int, answer: float, sizes: typing.Dict[str, int]
 ) -> None:
-    """Send requests to the addresses that have not answered, and read the answers, as often as is asked for."""
+    """Send requests to the addresses without an answer yet, and read the answers, as often as is asked for."""
     identifier = int.from_bytes(os.urandom(2), "big")
     sent: typing.Dict[int, typing.Tuple[str, float]] = {}
     for unused in range(tries):

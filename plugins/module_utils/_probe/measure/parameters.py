@@ -98,7 +98,7 @@ def _read_file(path: str) -> typing.Any:
 def compare(
     node: str, wanted: typing.Dict[str, typing.Any], there: typing.Dict[str, typing.Any]
 ) -> typing.List[typing.Dict[str, str]]:
-    """List the parameters with another value; None is one that is not set.
+    """List the parameters with another value; None stands for a parameter that is not set.
 
     Of parameters that the plan does not have only filters count: nodes read more than the collection sets, and write their defaults.
     """

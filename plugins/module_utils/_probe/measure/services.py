@@ -82,7 +82,7 @@ def _read_states(units: typing.List[str]) -> typing.List[systemd.Properties]:
 
 
 def _find_ends(units: typing.List[str], states: typing.List[systemd.Properties]) -> typing.Dict[str, unit_ends.UnitEnd]:
-    """Find how each unit ended last: by the journal, else by its state; an empty result for one that has not ended."""
+    """Find how each unit ended last: by the journal, else by its state; an empty result for a unit that still runs."""
     failed = {unit: seen.get("Result", "") for unit, seen in zip(units, states) if _has_failed(seen)}
     ended = [unit for unit, seen in zip(units, states) if seen.get("NRestarts", "0") != "0" or unit in failed]
     known = unit_ends.find_ends(ended) if ended else {}
@@ -102,7 +102,7 @@ def _has_failed(seen: systemd.Properties) -> bool:
 
 
 def read_refusals(status: str) -> typing.Tuple[typing.List[str], typing.List[typing.Dict[str, str]]]:
-    """List the names that master_sync refuses, and why, as it reports them to systemd; a text that has not the form of a name is in quotes.
+    """List the names that master_sync refuses, and why, as it reports them to systemd; a text that has another form than a name is in quotes.
 
     A master_sync of an older release reports only the names.
     """
@@ -117,14 +117,14 @@ def _unquote(text: str) -> str:
 
 
 def find_age(entered: str) -> typing.Optional[float]:
-    """Return the seconds since a service was started last, by a clock that nobody steps; `entered` is systemd's time in microseconds."""
+    """Return the seconds since a service was started last, by the clock since boot, which is never stepped; `entered` is systemd's time in microseconds."""
     return round(time.monotonic() - int(entered) / 1e6, 1) if entered.isdigit() and int(entered) else None
 
 
 def count_files(
     group: str, cgroups: str = "/sys/fs/cgroup"
 ) -> typing.Tuple[typing.Optional[int], typing.Optional[int]]:
-    """Count the open files of the process of a control group that has the fewest left, and return its limit; two None if none is seen."""
+    """Count the open files of the process of a control group that has the fewest left, and return its limit; two None if no process is seen."""
     lists = [commands.text(f"{cgroups}{version}{group}/cgroup.procs") for version in ("", "/systemd")] if group else []
     pids = " ".join(lists).split()[:_MOST_PROCESSES]
     counted = [files for files in map(processes.count_files, pids) if files]
@@ -141,5 +141,5 @@ def sets_environment(path: str) -> bool:
 
 
 def find_changed(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:
-    """Name the wanted variables that have another value, or none, in the environment of a process."""
+    """Name the wanted variables that have another value, or are missing, in the environment of a process."""
     return sorted(name for name, value in wanted.items() if process.get(name) != value)

@@ -69,7 +69,7 @@ def list_jobs(
     talkers: typing.List[str],
     there: typing.Set[str],
 ) -> typing.List[Job]:
-    """List the masters of other robots with the topics of their talkers that the own roscore (`there`) has not."""
+    """List the masters of other robots with the topics of their talkers that are missing at the own roscore (`there`)."""
     jobs = []
     for master in masters:
         robot = robots.get(master["computer"])
@@ -86,7 +86,7 @@ def _ask(job: Job) -> Row:
 def _ask_own(ros: Ros, masters: typing.List[Row], mine: typing.Set[str], own: str) -> typing.List[Row]:
     """Ask the own discovery node for all topics of the roscore, again until it has followed. Raises OSError.
 
-    Of these, the answer lists those of the own talkers (`mine`), and those that the state has not.
+    Of these, the answer lists those of the own talkers (`mine`), and those that are missing in the state.
     """
     found: typing.List[Row] = []
     for master in (master for master in masters if master["computer"] == own):

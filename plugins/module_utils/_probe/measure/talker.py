@@ -53,7 +53,7 @@ def node_of(run: str, computer: str) -> str:
 
 
 def sentence_of(run: str, computer: str) -> str:
-    """Return the text that a talker publishes: the label of the run, which an older talker has not, and its computer."""
+    """Return the text that a talker publishes: the label of the run, which an older talker leaves out, and its computer."""
     return f"{run} {computer}"
 
 

@@ -29,7 +29,7 @@ def topics(
     if not talkers or ros.problem():
         return []
     gone = roscore(ros, deadline)["error"]  # it may start only now
-    # Nobody subscribes at a roscore that does not answer: taking that back would be waited for, too.
+    # The probe does not subscribe at a roscore without an answer: it would have to wait for the unsubscription, too.
     heard, errors, steps = ({}, {}, None) if gone else listen(ros, talkers, label, own, deadline)
     settled = time.monotonic() + REGISTERING
     try:

@@ -20,7 +20,7 @@ ATTEMPTS = 8  # so often: then a count comes back through 30 % loss in both dire
 SILENT = 10.0  # seconds after which a helper that is no longer heard is not waited for
 TIMES = 3  # times that a helper introduces itself, or says that it is done, because any datagram can be lost
 ANSWERS = 40  # answers per second and computer; more would be a flood of another program
-LATEST = 1 << 32  # seconds since 1970 that no clock has, so none is further from another one
+LATEST = 1 << 32  # seconds since 1970 that no clock shows, so no two clocks differ by more
 SOURCES = 4096  # kept of each peer, and of all strangers together; more would be a flood of another program
 ANY_PORT = 0  # a stranger counts by its address: its ports are no sources of their own
 PORTS = 8  # ports of one address to which a helper introduces itself at a time
@@ -78,7 +78,7 @@ class GroupPeer:
 
 
 class Counts(typing.Counter[typing.Any]):
-    """Counts by source. Each peer has places of its own, and all strangers together: nobody takes the place of another."""
+    """Counts by source. Each peer has places of its own, and all strangers together: no sender takes the place of another."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -208,7 +208,7 @@ class Helper:
     # Sending
 
     def measure(self, now: float, rounds: int, interval: float, unicast: bool) -> None:
-        """Begin a measurement, if none is under way; it is over when `rounds` is None again."""
+        """Begin a measurement, unless one is under way; the measurement is over when `rounds` is None again."""
         if self.rounds is None:
             self.rounds = self._measurement(rounds, interval, unicast)
             self.due = now
@@ -247,7 +247,7 @@ class Helper:
         yield from self._counts(AFTER)
 
     def _counts(self, when: str) -> Steps:
-        """Ask every peer how many probes it has heard, until all have answered or none is likely to."""
+        """Ask every peer how many probes it has heard, until all have answered, or an answer is no longer likely."""
         for attempt in range(ATTEMPTS):
             late = [peer for peer in self.peers.values() if when not in peer.accounts]
             if not any(peer.control for peer in late):

@@ -138,7 +138,7 @@ class Document:
 
 
 def unpack(pieces: typing.Iterable[Bytes], most: int) -> typing.Iterator[bytes]:
-    """Unpack gzip in pieces, but not without a bound. Raises ValueError."""
+    """Unpack gzip in pieces, up to `most` bytes. Raises ValueError for more, or for other bytes than gzip."""
     unpacker, size = zlib.decompressobj(31), 0
     try:
         for rest in pieces:

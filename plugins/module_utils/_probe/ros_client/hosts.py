@@ -21,7 +21,7 @@ _HOST_NAME = re.compile(rf"(?:{_LABEL}\.)*(?!(?:[0-9]+|0x[0-9a-f]*)\Z){_LABEL}")
 
 
 def place_of(uri: str) -> typing.Tuple[str, int]:
-    """The host of a URI in its only spelling, and its port, 0 if it has none. An empty host: it has none, or another spelling.
+    """The host of a URI in its only spelling, and its port, 0 if the URI names no port. The host is empty if the URI names no host, or in another spelling.
 
     A host is an IPv4 address in its usual spelling, an IPv6 address as RFC 5952 writes it, or a name in small letters. All
     other ways to write an address are refused, since a list of hosts has each one once.
@@ -64,7 +64,7 @@ def host_of(uri: str) -> str:
 
 
 def port_of(uri: str) -> int:
-    """The port of a URI; 0 if it has none."""
+    """The port of a URI; 0 if the URI names no port."""
     return place_of(uri)[1]
 
 

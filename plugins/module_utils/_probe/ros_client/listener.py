@@ -59,7 +59,7 @@ class TopicListener:
         self._publishers: typing.Dict[str, typing.Set[str]] = {topic: set() for topic in wanted}
         self._due: queue.PriorityQueue[typing.Tuple[float, str, str]] = queue.PriorityQueue()  # when, topic, publisher
         self._lock = threading.Lock()
-        self._open = set(wanted)  # topics that have not said it yet
+        self._open = set(wanted)  # topics whose publisher has yet to say it
         self._done = threading.Event()
         self.name = f"/{name}_{os.getpid()}_{int(time.time() * 1000)}"
         self.node = node.ProbeNode(self.name, node.host_of(ros.variables, ros.uri), ros.uri, {}, self._on_publishers)

@@ -68,17 +68,17 @@ class Planned:
             self._masters.update((*LOOPBACK, socket.gethostname().lower()))
 
     def is_master(self, uri: str) -> bool:
-        """Return True if a URI leads to the planned roscore; True if none is planned, or if the URI cannot be read."""
+        """Return True if a URI leads to the planned roscore; True also if no roscore is planned, or if the URI cannot be read."""
         host, port = _read_place(uri)
         return not self._place or not host or (host in self._masters and port == self._port)
 
     def is_usual(self, host: str, master: str) -> bool:
-        """Return True if a node that announces this host, or none, and uses this roscore is as planned."""
+        """Return True if a node with this announced host (empty: it announces no host) and this roscore is as planned."""
         return (not host or host.lower() in self.hosts) and self.is_master(master)
 
 
 def _read_place(uri: str) -> typing.Tuple[str, int]:
-    """Return host and port of the URI of a roscore as rosgraph reads it in the environment of a person; an empty host if it has none."""
+    """Return host and port of the URI of a roscore as rosgraph reads it in the environment of a person; an empty host if the URI cannot be read."""
     try:
         parts = urlsplit(uri)
         return (parts.hostname or "").lower() if is_plain(uri) else "", parts.port or ROSCORE_PORT
@@ -109,7 +109,7 @@ class Sockets:
         return sorted({self._ports[network][inode] for inode in inodes if inode in self._ports[network]})
 
     def is_apart(self, pid: int) -> bool:
-        """Return True if a process is in another network than this one, as in a container of a bridge; False where nobody may look."""
+        """Return True if a process is in another network than this one, as in a container of a bridge; False also if this user may not look."""
         return _find_network(self._proc, str(pid)) not in ("", self._own)
 
 
@@ -207,7 +207,7 @@ def _find_starter(pid: int, unit: str, contained: bool, proc: str) -> typing.Tup
 
 
 def _find_launch_file(pid: int, proc: str) -> typing.Optional[str]:
-    """Return the name of the launch file of the roslaunch above a process; None if none is above it."""
+    """Return the name of the launch file of the roslaunch above a process; None if no roslaunch is above it."""
     for _generation in range(_MOST_PARENTS):
         pid = processes.find_parent(pid, proc)
         if pid <= 1:

@@ -23,7 +23,7 @@ NAMES = 5.0  # seconds for the addresses of all hosts
 def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str) -> typing.List[str]:
     """List the services with this end of their name that nodes of this robot provide, those with usual names first.
 
-    `roscore` is its URI. A service whose host has no address is the last: whose it is, nobody knows.
+    `roscore` is its URI. A service whose host has no address is the last: its owner is unknown.
     """
     names = sorted(
         (name for name in services if name.endswith(end)), key=lambda name: (not name.startswith(USUAL), name)

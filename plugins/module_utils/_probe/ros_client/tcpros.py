@@ -34,7 +34,7 @@ Row = typing.Dict[str, typing.Any]
 
 
 class ValueReader:
-    """The values of a message, one after the other. Raises ValueError if they are none."""
+    """The values of a message, one after the other. Raises ValueError if the bytes have another form."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._at, self._entries = data, 0, 0
@@ -119,12 +119,12 @@ GET_SYNC_INFO = {"d5261ec56e202860a07fb47b41e1b2a8": _sync_master}
 
 @contextlib.contextmanager
 def _explain(late: str, strange: str) -> typing.Iterator[None]:
-    """Raise OSError with one of these sentences for an answer that does not come, or that is none."""
+    """Raise OSError with one of these sentences for an answer that does not come, or that has another form."""
     try:
         yield
     except socket.timeout:
         raise socket.timeout(late) from None
-    except (ValueError, struct.error) as problem:  # also of a URI that is none
+    except (ValueError, struct.error) as problem:  # also for a text that is no URI
         raise OSError(f"{strange}: {quote(problem)}") from None
 
 

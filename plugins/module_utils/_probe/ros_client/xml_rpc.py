@@ -104,5 +104,5 @@ def read_state(uri: str, caller: str) -> Tables:
 def _cut(connection: typing.Any) -> None:
     try:
         connection.sock.shutdown(socket.SHUT_RDWR)
-    except (AttributeError, OSError):  # it has none yet, or it has ended
+    except (AttributeError, OSError):  # the connection has no socket yet, or it has ended
         pass

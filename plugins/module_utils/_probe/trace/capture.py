@@ -94,7 +94,7 @@ _TAGS: typing.List[typing.Tuple] = [
     (EQUAL, "kinds", 0, 0),
     (LOAD_WORD, 0, 0, SKF_AD_PKTTYPE),
     (EQUAL, "kinds", 0, OUTGOING),
-    (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG),  # it may be left over if none is present
+    (LOAD_WORD, 0, 0, SKF_AD_VLAN_TAG),  # the number may be that of an earlier packet if this one has no tag
     (ANY_BIT, "refuse", 0, 0x0FFF),  # without a number it only has a priority
 ]
 _KINDS: typing.List[typing.Tuple] = [

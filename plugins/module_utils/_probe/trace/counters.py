@@ -67,7 +67,7 @@ def read_table(lines: str, tables: typing.Dict[str, typing.Tuple[str, ...]]) -> 
 
 
 def read_tracks(lines: str) -> Counters:
-    """Count the packets that the table of connections has given up; nothing if the kernel has none."""
+    """Count the packets that the table of connections has given up; nothing if the kernel has no such table."""
     rows = [line.split() for line in lines.splitlines()]
     if not rows:
         return {}

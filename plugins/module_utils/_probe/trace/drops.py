@@ -7,7 +7,7 @@ The event says neither which packet nor in which network namespace. So a reason 
 kernel: containers with tracefs share it.
 
 A listener holds a lock, flock(2), on its folder in tracefs. The kernel frees it when the listener is killed. So the next one knows
-the folders that nobody needs any more, also of containers whose processes it does not see, and removes it.
+the folders that no listener needs any more, also of containers whose processes it does not see, and removes it.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ REASON = re.compile(r" reason: (?!NOT_SPECIFIED)([A-Z][A-Z0-9_]{1,60})$", re.M)
 
 
 class DropReasons:
-    """Counts the drops of a time by their reasons. If tracefs is not there, or not for us, there are none."""
+    """Counts the drops of a time by their reasons. Without tracefs, or without the right to read it, it counts no drops."""
 
     def __init__(self, tracefs: str = TRACEFS) -> None:
         namespace = os.stat(NAMESPACE).st_ino if os.path.exists(NAMESPACE) else 0

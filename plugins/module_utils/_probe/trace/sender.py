@@ -37,7 +37,7 @@ class SendResult(typing.NamedTuple):
     errno: typing.Optional[int] = None
     source_port: int = 0
     data: Outcome = Outcome.NOT_TRIED  # of a question in an open connection
-    unconfirmed: int = 0  # packets of this question that the other kernel has not confirmed
+    unconfirmed: int = 0  # packets of this question without a confirmation by the other kernel
 
 
 def send(tag: Tag, probe: Probe) -> SendResult:
@@ -112,7 +112,7 @@ def _ask(link: socket.socket) -> Outcome:
 
 
 def count_unconfirmed(link: socket.socket) -> int:
-    """Return how many packets the other kernel has not confirmed: tcpi_unacked (linux/tcp.h). A program that hangs has confirmed them."""
+    """Return the number of packets without a confirmation by the other kernel: tcpi_unacked (linux/tcp.h). It confirms them even if its program hangs."""
     info = link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, UNACKED.size)
     return int(UNACKED.unpack(info)[0])
 

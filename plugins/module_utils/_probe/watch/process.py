@@ -75,7 +75,7 @@ class Looks:
 
 
 def serve(raw: socket.socket, door: socket.socket, path: str, params: Params) -> None:
-    """Watch until the lifetime is over, a visitor ends it, or none comes any more. `params`: the options of multimaster_watch."""
+    """Watch until the lifetime is over, a visitor ends it, or visitors no longer come. `params`: the options of multimaster_watch."""
     watch = Watch(time.monotonic(), time.time())
     looks, visited = Looks(params, watch.began), watch.began  # a visitor is there until it has its answer
     waiting: typing.List[Visitor] = []

@@ -17,7 +17,7 @@ def find_source(fleet: Fleet) -> Computer | None:
 
 
 def find_wrong_source(fleet: Fleet) -> list[str]:
-    """Return a sentence if the source of the fleet's time is nobody, or a computer where nobody logs in."""
+    """Return a sentence if the source of the fleet's time is no computer of the fleet, or a computer without a login."""
     wanted, source = ClockVariables.read(fleet.variables).clock, find_source(fleet)
     if source is not None and source.sealed:
         found = f"{source.name} is sealed, so nobody logs in there to see to its clock"

@@ -42,7 +42,7 @@ AllowedIPs = {networks}
 
 
 def render_tunnel(tunnel: Tunnel | None, keys: Mapping[str, str]) -> list[dict[str, str]]:
-    """Return the files as managed_files takes them. `keys` are public ones by computer; who has none yet is no peer."""
+    """Return the files as managed_files takes them. `keys` are public ones by computer; a computer without a key yet is no peer."""
     if tunnel is None:
         return []
     text = _INTERFACE.format(

@@ -51,7 +51,7 @@ def join_keys(
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Join the kept keys with those that computers have reported. Return them, and a sentence for each computer that is refused.
 
-    A wrong report costs only its computer: it has the kept key then, or none. A computer that is no longer in the plan loses its place. A
+    A wrong report costs only its computer: it has the kept key then, or no key. A computer that is no longer in the plan loses its place. A
     key that has changed is believed only if that was asked for, and never if it is the kept one of another computer.
     """
     inside = {name for name, plan in computers.items() if Tunnel.find(plan)}

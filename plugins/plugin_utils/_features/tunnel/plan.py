@@ -101,7 +101,7 @@ def find_tunnel_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterato
 
 
 def _find_missing(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for each thing that a tunnel needs and the machine has not."""
+    """Yield a sentence for each thing that a tunnel needs and the machine lacks."""
     if not info["tunnel"]["device"] and not info["tunnel"]["kernel"]:
         yield (
             f"{plan.computer}: the kernel has no WireGuard, and there is no /dev/net/tun, as in some containers; expected one of the two for the "

@@ -130,7 +130,7 @@ def _inactive_components(context: CheckContext, service: str, entry: ServiceStat
     if entry is not None and entry.active_state == "activating" and entry.restarts:
         return make_components("service", name, "looping", what=unit)
     if service == "roscore" and context.probe.roscore.answer:
-        return make_components("set_up", name, "others")  # a roscore answers that is not the unit's
+        return make_components("set_up", name, "others")  # the roscore that answers is another one than the unit's
     return _service_down_components(name, service)
 
 
@@ -357,7 +357,7 @@ def _judge_answers_pings(context: CheckContext) -> Judgement | None:
     return Judgement(WARNING if ignored else OK, expected, str(ignored), components)
 
 
-# Computers where nobody logs in
+# Sealed computers: people cannot log in there
 
 
 def _list_sealed(context: CheckContext) -> list[str]:
@@ -388,7 +388,7 @@ def _roscore_suspects(context: CheckContext) -> Components:
 
 
 def _find_own_filter(context: CheckContext) -> Components:
-    """Find the packet filter that keeps a computer from its own roscore: nobody waits there, and no connection opens."""
+    """Find the packet filter that keeps a computer from its own roscore: no connection waits there, and none opens."""
     roscore = context.probe.roscore
     if roscore.tcp_outcome != Outcome.NO_ANSWER or roscore.waiting != 0 or context.masters[0] != context.observer.name:
         return frozenset()

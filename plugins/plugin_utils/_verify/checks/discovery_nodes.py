@@ -293,7 +293,7 @@ def _judge_rpc_port(context: CheckContext) -> Judgement | None:
 
 
 def _hops(context: CheckContext, address: IPv4Address) -> frozenset[str]:
-    """The next hops that packets to the address of a discovery node may have; an empty text is none."""
+    """The next hops that packets to the address of a discovery node may have; an empty text stands for a target in a network of the computer itself."""
     plan = context.observer.plan
     if any(address in entry.network for entry in plan.networks):
         return frozenset([""])
@@ -466,7 +466,7 @@ def _judge_clock(context: CheckContext) -> Judgement | None:
 
 
 def _has_planned_uri(entry: ListedMaster, context: CheckContext) -> bool:
-    """Nobody here can rename a sealed roscore: it may have any of its names."""
+    """Return True for any name that a sealed roscore may have, since the collection cannot rename it."""
     return is_one_of(entry.uri, context.fleet.master_uris[context.master.robot])
 
 

@@ -76,12 +76,12 @@ def _name_mistake(context: CheckContext) -> str:
 
 
 def _is_own_too(context: CheckContext) -> bool:
-    """The own name has the planned address and that of the loopback interface: nobody else is concerned."""
+    """The own name has the planned address and that of the loopback interface: no other computer is concerned."""
     return context.target == context.observer.name and context.address in context.member.addresses
 
 
 def _is_loopback(address: str) -> bool:
-    """Return True if an address is one of the loopback interface; a text that is none, as a strange machine may report, is not."""
+    """Return True if an address is one of the loopback interface; False for a text that is no address, as a strange machine may report."""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
@@ -354,7 +354,7 @@ def _judge_arp_filter(context: CheckContext) -> Judgement | None:
 
 
 def _arp_question(context: CheckContext) -> tuple[str, str]:
-    """Return the target's address on a network of the observer, and this network; two empty texts if it has none."""
+    """Return the target's address on a network of the observer, and this network; two empty texts if the target has no address there."""
     own, its = context.robots
     if own == its and context.address in context.observer.claimed:
         return context.address, context.ways.network(own)

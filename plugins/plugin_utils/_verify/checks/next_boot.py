@@ -14,7 +14,7 @@ from .engine import FAILED, WARNING, Check, Judgement, judge_fault
 
 def _check(kind: str, title: str, planned: Callable[[CheckContext], bool], fine: str) -> Check:
     def has_plan(context: CheckContext) -> bool:
-        # If the collection has not set it up, one sentence for all kinds is enough.
+        # On a computer that the collection has yet to set up, one sentence for all kinds is enough.
         judged = context.observer.is_set_up or (kind == "unit" and context.is_set_up_by_hand)
         return context.observer.is_probed and planned(context) and judged
 

@@ -36,7 +36,7 @@ def _has_parameters(context: CheckContext) -> bool:
 
 def _parameter_component(context: CheckContext, entry: ParameterDifference) -> Components:
     if entry.node not in NODES:
-        return frozenset()  # a strange computer reports a node that nobody asked for
+        return frozenset()  # a strange computer reports a node that the probe did not ask for
     kind, mode = DECIDES.get((entry.node, entry.name), (NODES[entry.node][0], "configuration"))
     what = {"group": f"{entry.name} {entry.found}", "port": entry.expected, "multicast": ""}
     return make_components(kind, context.observer.name, mode, what=what.get(mode, f"{entry.name} is {entry.found}"))

@@ -68,7 +68,7 @@ HEARSAY = {("route", "circle")}
 
 ANY = "any computer of this run"  # the place of a fault that all of them have
 
-#: The components that site.yml makes: if it has not run, no fault of these is worth a finding of its own.
+#: The components that site.yml makes: on a computer where it never ran, no fault of these is worth a finding of its own.
 MADE = (
     *(("names", mode) for mode in ("unknown", "loopback", "own", "old", "several")),
     *(("route", mode) for mode in ("missing", "other")),
@@ -93,7 +93,7 @@ CALLS = (
     *(("filter", f"{mode} out") for mode in ("rpc", "roscore", "nodes", "all")),
 )
 STOPPED, LOOPING = ("service", "stopped"), ("service", "looping")
-STANDSTILL = (STOPPED, ("service", "full"), LOOPING)  # in one of these a node answers nobody
+STANDSTILL = (STOPPED, ("service", "full"), LOOPING)  # in one of these a node gives no answers
 SEALED = ("roscore", "sealed")
 _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     **{(node, "hung"): STANDSTILL for node in ("discovery", "sync")},

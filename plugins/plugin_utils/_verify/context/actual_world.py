@@ -115,7 +115,7 @@ def _cut_link(_fleet: FleetPlan, machine: Machine, component: Component) -> Mach
 
 
 def _close_routes(machine: Machine, networks: Iterable[IPv4Network]) -> Machine:
-    """Take away the ways to networks: the packets go to a place where nobody passes them on."""
+    """Take away the ways to networks: the packets go to a place that does not pass them on."""
     closed = [Route(network, kind=NOWHERE) for network in networks]
     return replace(machine, routes=(*closed, *machine.routes))
 

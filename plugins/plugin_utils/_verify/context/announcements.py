@@ -4,7 +4,7 @@
 """People's nodes that announce a host at which others do not reach them, or use another roscore than their robot's, with their process.
 
 A node announces the host of ROS_HOSTNAME or ROS_IP of its shell or unit, or else the name of its computer. Other nodes connect
-to that host, so with a wrong one the node hears others and nobody hears it. The roscore is that of ROS_MASTER_URI.
+to that host, so with a wrong one the node hears others, and the others do not hear it. The roscore is that of ROS_MASTER_URI.
 """
 
 from __future__ import annotations

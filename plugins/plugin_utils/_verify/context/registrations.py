@@ -235,7 +235,7 @@ class Exchanges:
         return self._wanted[key]
 
     def find_missing(self, source: str, target: str) -> list[RegisteredItem]:
-        """List the registrations that the target is to get and has not, without the refusals that another check reports."""
+        """List the registrations that the target is to get and lacks, without the refusals that another check reports."""
         if source not in self.robots:
             return []
         absent = self.find_due(source, target) - self.find_imports(source, target).keys()

@@ -65,7 +65,7 @@ class Ways:
         ] = {}  # between two computers, as needs.way finds them
 
     def seal(self, components: frozenset[Component]) -> frozenset[Component]:
-        """Say of the roscores on sealed computers that they are there: nobody can look at them, or start them again, from here."""
+        """Say of the roscores on sealed computers that they are there: the collection can neither look at them nor start them again."""
         sealed = self._fleet.companions
         if not sealed:
             return components
@@ -89,7 +89,7 @@ class Ways:
         return self.network(self.robot_of(computer))
 
     def master_of(self, computer: str) -> str:
-        """Name the computer with the roscore of a computer's robot; empty for the router, which has none."""
+        """Name the computer with the roscore of a computer's robot; empty for the router, which has no robot."""
         master = self._fleet.master_of.get(self.robot_of(computer))
         return master.computer if master else ""
 
@@ -128,7 +128,7 @@ class Ways:
         return titles
 
     def name_at(self, address: str) -> str:
-        """Name the computer with an address; empty if none is known."""
+        """Name the computer with an address; empty if no known computer has the address."""
         return self._at.get(address, "")
 
     def way(self, plan: ComputerPlan, target: str) -> Way:

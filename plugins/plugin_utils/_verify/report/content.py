@@ -256,7 +256,7 @@ def describe_machines(
 
 
 def _text(info: Any, *keys: str) -> str:
-    """Return the text at a path of keys; empty if there is none."""
+    """Return the text at a path of keys; empty if the document has no text there."""
     for key in keys:
         info = info.get(key) if isinstance(info, Mapping) else None
     return info if isinstance(info, str) else ""

@@ -99,7 +99,7 @@ class _Sheet:
             )
 
     def _draw_hop(self, hop: Mapping[str, Any]) -> None:
-        """Draw a step as an arrow; one that nobody saw come in as a broken line with the cross."""
+        """Draw a step as an arrow; one that no computer saw come in as a broken line with the cross."""
         begin, y = self.x[hop["sender"]], self.y + 22
         ahead = -self.step / 2 if hop["answer"] else self.step / 2
         end = self.x.get(hop["receiver"], begin + ahead)

@@ -83,7 +83,7 @@ def _describe_start(process: NodeHost) -> str:
 
 
 def _describe_silence(entry: SilentNode | None) -> str:
-    """Describe a node's answer to its roscore's computer, or the reason why there is none."""
+    """Describe a node's answer to its roscore's computer, or the reason why the answer is missing."""
     if entry is None:
         return "yes"
     if entry.tcp_outcome == Outcome.OPEN:

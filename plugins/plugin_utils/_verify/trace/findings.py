@@ -73,7 +73,7 @@ class SeenEnd:
 
 
 def find_ends(verification: Verification) -> list[SeenEnd]:
-    """Find the places where the followed packets of a run end; nothing if none were followed."""
+    """Find the places where the followed packets of a run end; nothing if the run followed no packets."""
     looks = {name: one.seen.packet_trace for name, one in verification.run.items() if one.seen.packet_trace}
     probes = [probe for look in looks.values() for probe in look.probes]
     links = {probe.number: verification.ways.list_links(probe.sender, probe.target) for probe in probes}

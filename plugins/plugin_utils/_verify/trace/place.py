@@ -4,7 +4,7 @@
 """The place where followed packets end: all that the computers captured in, one place for each probe out. Pure.
 
 A packet is walked from its sender, hop by hop: it left by an interface for a hardware address; the computer with this address saw it
-come in, and left it go out. An answer is walked in the same way back. The first step that nobody saw is the place.
+come in, and left it go out. An answer is walked in the same way back. The first step that no computer saw is the place.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class SeenHop:
 
     sender: str
     receiver: str  # empty if no computer of the fleet has the hardware address
-    network: str  # the planned one between the two; empty if none is planned
+    network: str  # the planned one between the two; empty if the two have no planned network
     left: str  # the interface of the sender
     target_mac: str
     ttl: int
@@ -81,7 +81,7 @@ class LossPlace:
     probe: TracedProbe
     stage: TraceStage
     at: str = ""  # the computer that saw them last; of a report, the one that reports
-    next: str = ""  # the computer that was to see them; empty if none is known
+    next: str = ""  # the computer that was to see them; empty if no computer is known for it
     answer: bool = False  # the answer ends there
     last: CapturedPacket | None = None  # seen last
     times: int = 0  # that it was seen there
@@ -100,7 +100,7 @@ class LossPlace:
 
     @property
     def step(self) -> tuple[TraceStage, tuple[str, ...], bool]:
-        """The step that nobody saw: other packets may end there, too."""
+        """The step that no computer saw: other packets may end there, too."""
         return self.stage, self.places, self.answer
 
     @property
@@ -200,7 +200,7 @@ class _Walk:
 
     def _find_change(self, place: LossPlace) -> LossPlace:
         """Return the place where an address was changed, if packets end by that: at a computer that a foreign rule has made their target, or
-        with an answer of another address than was asked; nowhere if nobody saw it change. Other ends are left as they are.
+        with an answer of another address than was asked; nowhere if no computer saw it change. Other ends are left as they are.
         """
         last = place.last
         changes: list[tuple[str, CapturedPacket]] | None = None
@@ -248,7 +248,7 @@ class _Walk:
         return stage if at in self.chart.listening else TraceStage.UNSEEN
 
     def _start(self) -> TraceStage:
-        """The stage of packets that nobody saw leave their sender. An errno of its kernel is evidence without a listener."""
+        """The stage of packets that their sender was not seen to send. An errno of its kernel is evidence without a listener."""
         if self.sent and list_own_components(self.sent.outcome, self.probe.sender, self.probe.traffic):
             return TraceStage.SOURCE
         if self.sent is None or self.sent.outcome in (Outcome.NOT_TRIED, Outcome.FAILED):  # it has sent none, maybe
@@ -434,6 +434,6 @@ def describe_place(place: LossPlace, chart: Map) -> str:
 
 
 def describe_counters(counters: Iterable[Counter]) -> str:
-    """Name the counters of a computer that have grown meanwhile; empty if none has."""
+    """Name the counters of a computer that have grown meanwhile; empty if no counter has grown."""
     found = shorten_list([f"{one.counter} +{one.more}" for one in counters], NAMED)
     return f"meanwhile its kernel counted {found}" if found else ""

@@ -3,8 +3,8 @@
 
 """From the place where packets end to the components that may be broken there. Pure.
 
-A packet that was seen to leave a computer has passed its packet filter, and one that did not come in has not met the next one's. So a
-stage leaves few kinds of components; an errno, an ICMP error or a counter may leave one. If none of the components that a check
+A packet that was seen to leave a computer has passed its packet filter, and one that did not come in cannot have met the next one's. So a
+stage leaves few kinds of components; an errno, an ICMP error or a counter may leave one. If no component that a check
 suspects is left, the place itself is the component.
 """
 
@@ -131,7 +131,7 @@ def _list_own_components(place: LossPlace) -> list[Component]:
 
 
 def _has_own_error(place: LossPlace, _packets: SeenPackets) -> bool:
-    """Return True if the sender's own kernel has refused to send, by a component that is the only one, or that nobody reads."""
+    """Return True if the sender's own kernel has refused to send, by a component that is the only one, or that the probe cannot read."""
     components = _list_own_components(place)
     return len(components) == 1 or any(not component.fault.read for component in components)
 

@@ -38,7 +38,7 @@ _RULES = re.compile(r"(?m)^### RULES ###\n")
 _RANGE = f"{FIRST}:{LAST}"
 _TARGETS = {"allow": "ACCEPT", "deny": "DROP"}
 # $1: iptables or ip6tables, $2: the beginning of ufw's chains, $3: the file with its rules, $4: seconds to wait for others that change rules.
-# The file names the chains of these rules, which empties them; all of it is one step of the kernel. Before 1.6.2, the tool waited for nobody.
+# The file names the chains of these rules, which empties them; all of it is one step of the kernel. Before 1.6.2, the tool did not wait for another one.
 _READ_AGAIN = """\
 "$1" -w $4 -nL "$2-user-input" >/dev/null
 case $? in 0) ;; 4) exit 4 ;; *) exit 0 ;; esac
@@ -86,7 +86,7 @@ class UfwRule(typing.NamedTuple):
 
 
 def _parse_rule(text: str) -> UfwRule:
-    """The rule in a line of `read_rules`. Raises Problem for a rule that this file has not written."""
+    """The rule in a line of `read_rules`. Raises Problem for a rule that other code wrote."""
     words = text.split()
     if len(words) != 7 or words[4] != "any" or words[6] != "in":
         raise Problem(

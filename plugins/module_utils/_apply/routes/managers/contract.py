@@ -81,7 +81,7 @@ class BackEnd:
         raise NotImplementedError
 
     def find_place(self, interface: str) -> str:
-        """The place for the routes of an interface. Raises Problem if the manager has none."""
+        """The place for the routes of an interface. Raises Problem if the manager has no such place."""
         raise NotImplementedError
 
     def render(self, place: str, routes: RoutesByInterface) -> typing.Optional[str]:

@@ -12,7 +12,7 @@ from ...._base.problem import Problem
 from ..kernel import RouteSpec, to_words
 from . import contract
 
-# run-parts(8) passes over names with a dot, so the name has none.
+# run-parts(8) passes over names with a dot, so the name is without a dot.
 HOOK = "/etc/network/if-up.d/" + contract.NAME
 # The lists of interfaces that are up: of Debian's ifupdown, and of ifupdown-ng and ifupdown2, which run the same hooks.
 STATES = ("run/network/ifstate", "run/ifstate")

@@ -315,7 +315,7 @@ class MasterDiscovery:
     def _finish(self) -> int:
         self.ended.set()
         program.leave_after(5.0)
-        self.server.stop()  # first: a node that still answers has not left
+        self.server.stop()  # first: a node that still answers must not count as gone
         self.core.announcements.leave()
         self._carry_out()
         self.display.end()

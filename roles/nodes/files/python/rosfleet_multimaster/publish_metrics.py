@@ -3,7 +3,7 @@
 """The program that puts the metrics of the nodes in the folder that node_exporter reads: only root may write there.
 
 The nodes write files in memory, each in its own folder; this copies them. Their text is bounded, since strangers
-talk with them. A node that has ended has no file, and then it has none here either: old values are worse than none.
+talk with them. The file of a node goes with the node, and its values here go with the file: old values would be worse than missing ones.
 It runs on the system's Python (`python3 -I`), only on files of root, and without ROS.
 """
 

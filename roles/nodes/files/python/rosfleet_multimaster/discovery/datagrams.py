@@ -16,7 +16,7 @@ from .udp import Datagram, Socket, Udp
 
 REOPEN = 0.5  # seconds between two attempts to open the sockets: a link that comes back is used at once
 RESOLVE = 60.0  # seconds between two looks at the addresses of ~robot_hosts
-RESOLVE_AGAIN = 5.0  # the same if one of them has none
+RESOLVE_AGAIN = 5.0  # the same if one of them has no address
 
 
 class NetworkPlace(NamedTuple):
@@ -204,7 +204,7 @@ class Datagrams:
 
 
 def interface_name(values: Mapping[str, Any]) -> str:
-    """The interface of discovery, in upstream's order: parameters, ROS_HOSTNAME, ROS_IP; "" if none is chosen."""
+    """The interface of discovery, in upstream's order: parameters, ROS_HOSTNAME, ROS_IP; "" if they choose no interface."""
     interface = values["mcast_group"].partition("@")[2] or values["interface"]
     if interface:
         return str(interface)

@@ -41,7 +41,7 @@ class ServedMaster:
     away: str = UNREAD  # why there is no state; "" if there is one
 
     def current(self) -> State:
-        """The state. Raises RefusedCall if there is none."""
+        """The state. Raises RefusedCall while the state is unknown."""
         state = self.state
         if self.away or state is None:
             raise RefusedCall(f"{self.name} has no state: {self.away}")

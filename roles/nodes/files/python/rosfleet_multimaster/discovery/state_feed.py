@@ -83,7 +83,7 @@ class StateFeed:
         return entry[0]
 
     def _remember(self, caller: str, epoch: str, rules: Rules) -> None:
-        """Keep a filter. If there are too many, the oldest one of the robot with most goes: nobody pushes out foreign ones."""
+        """Keep a filter. If there are too many, the oldest one of the robot with most goes: a robot pushes out its own filters alone."""
         robot = self._robot_at(caller)
         size = sum(_PATTERN + len(item) for pattern in vars(rules).values() for item in pattern.items)
         with self._changed:
@@ -145,7 +145,7 @@ class StateFeed:
             return self._wholes[key]
 
     def _wait(self, news: int, until: float) -> bool:
-        """Wait for news; False if there are none until then."""
+        """Wait for news; False if no news comes until then."""
         with self._changed:
             return self._changed.wait_for(lambda: self._news != news, max(0.0, until - monotonic()))
 

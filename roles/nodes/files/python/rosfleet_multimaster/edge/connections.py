@@ -61,13 +61,13 @@ def end(connection: Tcp) -> bool:
 
 
 def end_all(wanted: Callable[[Tcp], bool]) -> List[Tcp]:
-    """End the connections between nodes that `wanted` names, and return them. Raises OSError if none could be ended."""
+    """End the connections between nodes that `wanted` names, and return them. Raises OSError if it could end no connection."""
     ended, problem = [], None
     for connection in connections():
         if min(connection.local[1], connection.remote[1]) >= LOWEST and wanted(connection):
             try:
                 ended += [connection] if end(connection) else []
-            except OSError as refusal:  # the others are none the worse for it
+            except OSError as refusal:  # the other connections are ended as before
                 problem = refusal
     if problem is not None and not ended:
         raise problem

@@ -46,7 +46,7 @@ class Lifeline:
 
 
 def lifeline(uri: str) -> Optional[Socket]:
-    """A connection to the program at a URI; None if there is none."""
+    """A connection to the program at a URI; None if the connection cannot be made."""
     try:
         return socket.create_connection(place_of(uri), CONNECT)
     except (OSError, UnicodeError):

@@ -103,7 +103,7 @@ class Identity:
         if pid is None:
             raise OSError("the roscore does not report its process id")
         before, self._pid = self._pid, pid
-        self.check_service(service, service_uri)  # a node that has none yet may be as well known as before
+        self.check_service(service, service_uri)  # a node without a URI yet may be as well known as before
         return before not in (None, pid)
 
     def check_service(self, service: Tuple[str, str], service_uri: Any) -> None:

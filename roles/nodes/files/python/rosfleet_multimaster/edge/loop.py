@@ -60,7 +60,7 @@ class Loop:
 
     def _call_due(self, now: float) -> float:
         """Call the functions that were posted for now; the time of the next one."""
-        while not self._later.empty():  # nobody else takes from it
+        while not self._later.empty():  # no other thread takes from it
             due, number, function = self._later.get()
             if due > now:
                 self._later.put((due, number, function))

@@ -60,7 +60,7 @@ class Roscore:
         """True if the roscore has a method besides those of rosmaster. Raises as `ask` if it does not answer."""
         try:
             methods = self.rpc.call("system.listMethods")
-        except Fault:  # rosmaster has not even this one
+        except Fault:  # rosmaster lacks even this call
             return False
         return isinstance(methods, list) and method in methods
 
@@ -89,7 +89,7 @@ class RoscoreGraph:
     def read(self, look_up: Callable[[View], Sequence[Names]]) -> View:
         """The registrations now. Raises as Roscore.ask, and OSError if the roscore does not report them.
 
-        `look_up(view)`: the nodes and the services whose URIs are needed, of a view that has none yet.
+        `look_up(view)`: the nodes and the services whose URIs are needed, of a view that lacks them yet.
         """
         try:
             if self._mirror is not None or self.roscore.has(CHANGES):

@@ -200,7 +200,7 @@ class BoundedHandler(BaseHTTPRequestHandler):
     """A connection whose heads are bounded: a longer one ends it. Its requests wait until its robot may ask again."""
 
     throttle: Throttle
-    robot: Optional[str] = None  # who pays for it; None: nobody
+    robot: Optional[str] = None  # the robot that pays for the connection; None: no robot pays
     head = 1 << 14  # bytes of all lines of a head; the standard library takes a hundred lines of 64 KiB
     wbufsize = -1
     disable_nagle_algorithm = True

@@ -117,7 +117,7 @@ class Pattern:
         return {*plain}, [item.split("*") for item in plain if "*" in item], expressions
 
 
-#: The pattern that matches no name: a white list that admits nothing. An empty list would not do: to upstream it is none.
+#: The pattern that matches no name: a white list that admits nothing. An empty list would not do: to upstream it means that no list is set.
 NOTHING = Pattern((NO_NAME,))
 
 

@@ -34,7 +34,7 @@ def from_json(text: str) -> Any:
         raise ValueError(f"its values may take more than {_MEMORY >> 20} MiB of memory")
     try:
         value = json.loads(text, parse_int=_limit_digits(int), parse_float=_limit_digits(float), parse_constant=_refuse)
-        if _SURROGATE.search(text):  # half a character, which nothing could be made of: XML has none
+        if _SURROGATE.search(text):  # half a character (a lone surrogate), which XML cannot carry
             json.dumps(value, ensure_ascii=False).encode()
     except RecursionError:
         raise ValueError("its values are too deep in each other") from None

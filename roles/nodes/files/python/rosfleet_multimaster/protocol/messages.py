@@ -27,7 +27,7 @@ class AnnouncedMaster(NamedTuple):
 
 
 class LinkQuality(NamedTuple):
-    """The quality of the link to a master: per cent of the expected heartbeats, -1 if none are promised."""
+    """The quality of the link to a master: per cent of the expected heartbeats, -1 if the master promises no heartbeats."""
 
     name: str
     quality: float

@@ -197,7 +197,7 @@ def _check(table: Table, values: Mapping[str, Any], make: Callable[[Iterable[str
 
 
 def _check_names(what: str, items: Sequence[str]) -> None:
-    """Check names with `*`, which are given to others: the plan has nothing else there."""
+    """Check names with `*`, which are given to others: the plan has only such names there."""
     try:
         Pattern.from_foreign_items(items, what)
     except InvalidPattern as problem:
@@ -251,7 +251,7 @@ CHANNEL: Mapping[str, str] = {
     "rate": "seconds",
     "whole": "texts",  # types, and packages (x/*), of which each message replaces the one before
     "newest": "flag",
-    "frames": "text",  # in front of those of the robot with the inner names; empty: none is changed
+    "frames": "text",  # in front of those of the robot with the inner names; empty: no name of a frame is changed
     "world": "text",  # a frame of all, above that robot's root; empty: the relay says nothing of it
     "root": "text",
 }

@@ -15,7 +15,7 @@ LINE = 2000  # characters of a line of ours that quotes such texts
 VALUE = 65536  # characters of a value that a program reads: names and paths stay whole
 CUT = "..."  # the sign that more was there
 
-# Printable for Python, and yet invisible (Default_Ignorable_Code_Point of Unicode), or empty as a space that is none.
+# Printable for Python, and yet invisible (Default_Ignorable_Code_Point of Unicode), or empty as a space is.
 _INVISIBLE = re.compile(
     "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\u3164\ufe00-\ufe0f\uffa0\ufff0-\ufff8\U000e0000-\U000e0fff]"
 )
@@ -67,7 +67,7 @@ def _cut(text: str, most: int) -> str:
 def quote(value: typing.Any, most: int = LONGEST) -> str:
     """A name or a foreign text as it is in a sentence of ours, so that nothing in it is taken for one.
 
-    A name is itself, if it has the form of one. Everything else is in quotes, and has none in it: a name with blanks or
+    A name is itself, if it has the form of one. Every other text is in quotes, and has no quotes in it: a name with blanks or
     of only letters, a reason, a message. A text that is quoted already stays as it is.
     """
     text = str(value)

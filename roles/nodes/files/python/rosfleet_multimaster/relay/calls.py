@@ -19,7 +19,7 @@ from .wire import keep_alive
 PIECE = 1 << 14  # bytes at once, and all that is held in each direction
 MOST, MOST_OF_ONE = 200, 50  # calls at once, and those of one party
 SILENT = 60.0  # seconds of silence after which a call ends for a new one
-IDLE = 3600.0  # the same if nobody wants its place
+IDLE = 3600.0  # the same if no new call wants its place
 
 
 class _End:

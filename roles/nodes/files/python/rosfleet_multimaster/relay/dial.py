@@ -25,9 +25,9 @@ MOST = 300  # connections for topics to one robot
 
 
 class Dialers:
-    """Has connections made in threads, a few at a time for each robot and each place. So who does not answer holds nobody up but itself.
+    """Has connections made in threads, a few at a time for each robot and each place. So a place that gives no answer holds up itself alone.
 
-    Places that have not answered wait behind the others of their robot. Used only in the loop.
+    Places without an answer yet wait behind the others of their robot. Used only in the loop.
     """
 
     def __init__(self, loop: Loop, own: str, robots: Collection[str]) -> None:

@@ -89,7 +89,7 @@ class Entrance:
                 return
 
     def _accept_one(self) -> bool:
-        """Take a connection; False if none waits."""
+        """Take a connection; False if no connection waits."""
         try:
             connection, (address, _port) = self._listener.accept()
         except BlockingIOError:

@@ -73,7 +73,7 @@ class _Source:
 
     @property
     def is_awaited(self) -> bool:
-        """True if it is asked, and has not answered yet."""
+        """True between the question and its answer."""
         return self.dialing or (self.wire is not None and self.header is None)
 
     @property
@@ -380,7 +380,7 @@ class TopicFeed:
         headers = self._list_headers()
         asked = (sink.wire.header or {}).get("md5sum", "*")
         found = next((each for each in headers if asked in ("*", each["md5sum"])), None)
-        # One that has not said its definition yet may have this one.
+        # A publisher whose definition is not known yet may have this one.
         if found is None and headers and not any(source.is_awaited for source in self._sources.values()):
             text = f"md5sum {quote(asked)} is asked for, and the publisher has {quote(headers[0]['md5sum'])}"
             sink.wire.say(encode_header({"error": text}))

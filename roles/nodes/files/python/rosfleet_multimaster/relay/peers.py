@@ -45,7 +45,7 @@ class RelayPeer:
         self._read = partial(read_answer, peers=peers)
 
     def start(self, on_offers: Callable[[str, Optional[Offers], str], None]) -> None:
-        """Begin to ask. `on_offers(robot, offers, why)` is called in the thread; None: it has not answered for a while, and why."""
+        """Begin to ask. `on_offers(robot, offers, why)` is called in the thread; None: it has been silent for a while, and why."""
         start_thread(f"peer-{self.robot}", lambda: self._follow(on_offers))
 
     def _follow(self, on_offers: Callable[[str, Optional[Offers], str], None]) -> None:

@@ -78,7 +78,7 @@ class TakenSide:
             self.feeds[topic].aim(sources[topic])
 
     def forget_idle(self, feed: TopicFeed) -> None:
-        """Forget a topic of other robots that nobody publishes any more, as soon as nobody listens."""
+        """Forget a topic of other robots that no node publishes any more, as soon as no node listens."""
         if self.feeds.get(feed.topic) is feed and feed.topic not in self.published and not feed.has_sinks:
             del self.feeds[feed.topic]
 

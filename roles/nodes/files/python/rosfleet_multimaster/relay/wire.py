@@ -49,7 +49,7 @@ class Wire:
         on_message: Optional[Callable[["Wire", bytes], None]],
         on_end: Callable[["Wire", str], None],
     ) -> None:
-        """`account`: of the robot at the other end. `on_message`: None for one that listens here, and has nothing to say after its header."""
+        """`account`: of the robot at the other end. `on_message`: None for a subscriber here, which sends only its header."""
         address, port = connection.getpeername()[:2]  # of the other end. Raises OSError if it has gone.
         self.address, self.number = str(address), next(_numbers)
         #: as rospy says it in getBusInfo
@@ -96,7 +96,7 @@ class Wire:
 
     @property
     def is_stuck(self) -> bool:
-        """True if none of the bytes to send has left for long."""
+        """True if bytes wait, and for long no byte has left."""
         return self.outbox.is_sending and monotonic() - self.progress > SILENCE
 
     def is_stalled(self, now: float) -> bool:

@@ -46,7 +46,7 @@ class Rosout:
     """The node rosout: started while its name is free, and again when it has ended."""
 
     def __init__(self, lookup: Callable[[str], str]) -> None:
-        """`lookup(name)`: the URI of a node, "" if there is none."""
+        """`lookup(name)`: the URI of a node, "" if no node has the name."""
         self._lookup, self._child = lookup, Child(lambda line: _log.info("rosout says: %s", line))
         self._due, self._pause, self._started = 0.0, PAUSE, 0
         self._missing = False

@@ -319,7 +319,7 @@ def _to_xml(value: Any) -> bytes:
     fault = isinstance(value, xmlrpc.client.Fault)
     try:
         text = xmlrpc.client.dumps(value if fault else (value,), methodresponse=not fault)
-    except Exception as problem:  # a value that XML-RPC has not
+    except Exception as problem:  # a value that XML-RPC cannot carry
         text = xmlrpc.client.dumps(_to_fault(problem))
     return text.encode("utf-8", "xmlcharrefreplace")
 

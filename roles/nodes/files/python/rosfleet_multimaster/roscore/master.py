@@ -193,7 +193,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         self._records: List[Record] = []
         self._last: Dict[str, Any] = dict.fromkeys(watched)
         self.calls = threading.local()
-        self._restored: Dict[Tuple[Any, ...], None] = {}  # registrations that their nodes have not confirmed yet
+        self._restored: Dict[Tuple[Any, ...], None] = {}  # of before a restart, until nodes confirm them
         self._notifier = Notifier(self._may_notify)
         # (URI, name) of a node to be ended -> addresses of callers, and whether they are own ones
         self._enders: Dict[Tuple[str, str], Set[Tuple[str, bool]]] = {}
@@ -554,7 +554,7 @@ class MasterMethods(master_api.ROSMasterHandler):  # type: ignore[misc]
         with self._collect_changes():
             for node in registry.values("node").items():
                 self._node(*node)
-            self.param_server.parameters.update(registry.parameters)  # it has none yet
+            self.param_server.parameters.update(registry.parameters)  # the server has no parameters yet
             for record in registry.facts.values():
                 kind, key = record.kind, record.name
                 if kind == "type":

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The workers that notify nodes of changes. They start and wake at once when there is work, and end when there is none."""
+"""The workers that notify nodes of changes. They start and wake at once when there is work, and end when the work is done."""
 
 import logging
 import threading
@@ -83,6 +83,6 @@ class Notifier:
         except OSError as problem:
             _log.debug("%s of %s: %s", call.method, call.uri, problem)
             return False, False
-        except Exception as problem:  # a fault, or a value that XML-RPC has not: other nodes are notified
+        except Exception as problem:  # a fault, or a value that XML-RPC cannot carry: other nodes are notified
             _log.debug("%s of %s: %s: %s", call.method, call.uri, type(problem).__name__, problem)
         return True, False

@@ -98,14 +98,14 @@ class Survivors:
     def __init__(self, workers: Workers, roscore: "MasterMethods") -> None:
         """Ask in these workers, and change this roscore."""
         self._workers, self._roscore = workers, roscore
-        self._silent: Set[NodeKey] = set()  # registered nodes that have not answered yet
+        self._silent: Set[NodeKey] = set()  # registered nodes without an answer yet
         self._warned: Set[NodeKey] = set()
         self._leaving: Set[NodeKey] = set()
         self._alive = self._gone = self._lines = 0
 
     @property
     def silent(self) -> int:
-        """The number of registered nodes that have not answered yet."""
+        """The number of registered nodes without an answer yet."""
         return len(self._silent)
 
     def begin(self, registry: Registry) -> None:

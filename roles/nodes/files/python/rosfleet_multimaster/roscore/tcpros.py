@@ -13,7 +13,7 @@ _MOST = 1 << 14  # bytes of a header
 
 
 def provider(uri: str, service: str, timeout: float) -> str:
-    """The node that provides a service at this URI, "" if none does. Raises OSError, or ValueError for nonsense.
+    """The node that provides a service at this URI, "" if no node does. Raises OSError, or ValueError for nonsense.
 
     `timeout`: seconds for connecting, and for the whole answer, however slowly its bytes come.
     """

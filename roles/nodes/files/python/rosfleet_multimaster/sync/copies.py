@@ -118,7 +118,7 @@ class Copies:
         return [source.title for source in self._sources.values()]
 
     def describe(self, master: str) -> str:
-        """The words about a master's copies for a status; empty if there are none."""
+        """The words about a master's copies for a status; empty if this robot has no copies of that master."""
         count = sum(mine.master == master for mine in self.record.values())
         return f", {count} parameters" if count else ""
 
@@ -332,7 +332,7 @@ def _read_one(rpc: Rpc, caller: str, name: str) -> Any:
 
 
 def _take(names: Sequence[str], results: Sequence[Any]) -> ParameterAnswer:
-    """The answer in results of getParam. Raises ValueError if they are none."""
+    """The answer in results of getParam. Raises ValueError if they are no such results."""
     taken: Dict[str, Tuple[Any, str]] = {}
     refusals: Dict[str, str] = {}
     total = 0

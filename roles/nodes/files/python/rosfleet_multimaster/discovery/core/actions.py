@@ -24,7 +24,7 @@ class Ask(NamedTuple):
     key: Key
     monitor_uri: str
     limit: float  # seconds for the whole answer
-    newcomer: bool  # it has not said yet who it is: must not keep the others waiting
+    newcomer: bool  # its master is not known yet: it must not keep the others waiting
 
 
 class MasterEvent(NamedTuple):

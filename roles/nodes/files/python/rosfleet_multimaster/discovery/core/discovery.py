@@ -78,7 +78,7 @@ class Discovery:
         self.tick(now)
 
     def note_silent_roscore(self, since: float, now: float) -> bool:
-        """Note that the roscore has not answered since then. True if it counts as offline by now."""
+        """Note that the roscore gives no answer since `since`. True if it counts as offline by now."""
         if now - since <= DEAD_AFTER:
             return False
         if self.local.online:

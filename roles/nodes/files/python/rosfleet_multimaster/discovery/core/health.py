@@ -38,7 +38,7 @@ class LinkHealth(NamedTuple):
     name: str
     uri: str
     online: bool
-    quality: float  # per cent of the heartbeats that came, -1 if none are promised or it is not there
+    quality: float  # per cent of the heartbeats that came, -1 if the master promises none, or is not there
     silent: Optional[float]  # seconds since it was heard; None for not at all
     losses: int  # how often it was lost
     answer: Optional[ClockAnswer]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Newcomers: senders that have not said who they are. A datagram can name any sender, so there may be many."""
+"""Newcomers: senders whose master is not known yet. A datagram can name any sender, so there may be many."""
 
 from typing import Dict, List, Set
 
@@ -10,7 +10,7 @@ from .actions import NEWCOMER_LIMIT, ActionOutbox
 from .outsiders import ConnectionBudget, Outsiders
 from .peer import FAR, Key, Peer
 
-MAX_NEWCOMERS, MAX_ASKED = 1024, 32  # senders that have not said who they are; those that are asked at the same time
+MAX_NEWCOMERS, MAX_ASKED = 1024, 32  # senders whose master is not known yet; those that are asked at the same time
 FORGET_NEWCOMER = 30.0  # seconds of silence
 
 

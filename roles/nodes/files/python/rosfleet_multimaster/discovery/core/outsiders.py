@@ -13,7 +13,7 @@ from ...protocol.plain_text import quote
 from .actions import ActionOutbox
 from .peer import FAR, LONG_AGO, Contact, Key
 
-TRIES = 2  # connections to an address that has not said who it is,
+TRIES = 2  # connections to an address whose master is not known yet,
 AGAIN = 30.0  # and seconds until there are two more, if it may be an allowed one that is still heard
 PAUSE = 5.0  # seconds between two questions to an outsider
 FORGET = 600.0  # seconds of silence
@@ -22,7 +22,7 @@ MAX_TRIED = 16384  # addresses; more are not asked
 
 
 class ConnectionBudget:
-    """Connections to addresses that have not said who they are."""
+    """Connections to addresses whose master is not known yet."""
 
     def __init__(self) -> None:
         self._spent: Dict[str, Tuple[int, float]] = {}  # address -> how many, and when the last one was
@@ -48,7 +48,7 @@ class Outsider(NamedTuple):
     """A sender that is ignored, as people see it."""
 
     address: str
-    name: str  # "" if it has not said one
+    name: str  # "" if the address told no name
     uri: str
     why: str
 
@@ -103,7 +103,7 @@ class Outsiders:
         return min((entry.due for entry in self._table.values()), default=FAR)
 
     def take_answer(self, key: Key, contact: Optional[Contact], why: str, now: float) -> None:
-        """Take the end of a question: who it is and why that is ignored, or None."""
+        """Take the end of a question: the master that answers and the reason to ignore it, or None."""
         entry = self._table.get(key[0])
         if entry is None or not entry.asking:
             return

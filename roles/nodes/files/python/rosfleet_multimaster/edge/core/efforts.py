@@ -3,7 +3,7 @@
 """The time of a processor that parties take: each has its share of it, and all of them have one together.
 
 Each item has a bound of its own. Many of them, one after the other, would take the whole processor all the same. So a party
-that has taken more than its share waits, and nobody else does.
+that has taken more than its share waits, and no other party does.
 
 Shares (shares.py) are of things that are held and given back. Time cannot be given back: it is made up for by waiting. So the two are
 two classes, and all doors use them.
@@ -16,7 +16,7 @@ REST = ""  # the account of those
 
 
 class Efforts:
-    """The accounts of all parties, in seconds of a processor: the time that each has taken, and has not paid back yet by waiting."""
+    """The accounts of all parties, in seconds of a processor: the time that each has taken, and has yet to pay back by waiting."""
 
     def __init__(
         self, share: float, ahead: float, together: float = float("inf"), others: Optional[Mapping[str, float]] = None

@@ -3,7 +3,7 @@
 """Shares of a limited number of connections, calls or bytes, by their holders.
 
 A robot has many addresses, ports and connections, and is one party. All computers that belong to no robot are one, too. A half
-is kept for the parties, so that nobody can take it. The other half is for who comes first.
+is kept for the parties: each has its reserve there, whatever the others take. The other half is for who comes first.
 """
 
 from collections import Counter

@@ -46,7 +46,7 @@ def start_log(level: str = "INFO") -> None:
 
 
 class LimitedLog:
-    """A log that says one thing once a minute, and then how often it has not said it; and not too many things at all."""
+    """A log with one line of each topic a minute, which says the number of lines that it left out, and few lines of all topics."""
 
     def __init__(self) -> None:
         self._said: Dict[str, Tuple[Optional[float], int]] = {}

@@ -80,7 +80,7 @@ class Budget:
             self.change(-len(message))
 
     def keep(self, robot: str, size: int) -> bool:
-        """Count bytes that stay for a robot; below 0 they are given back. False if these are too many, and none is counted."""
+        """Count bytes that stay for a robot; below 0 they are given back. False if these are too many: then no byte is counted."""
         if size > 0 and not self._kept.have_room(robot, size):
             return False
         self._kept.add(robot, size)

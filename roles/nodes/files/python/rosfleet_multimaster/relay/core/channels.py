@@ -107,7 +107,7 @@ Own = Dict[str, Tuple[str, ...]]  # topic or service -> nodes of this robot
 
 
 class OwnNodes(NamedTuple):
-    """Distinguishes the nodes of this robot from all others at its roscore: they are on its computers, and master_sync has not recorded them."""
+    """Distinguishes the nodes of this robot from all others at its roscore: they are on its computers, and not in the record of master_sync."""
 
     hosts: Container[str]  # of this robot; multimaster_fkie's master_sync records nothing
     claims: Container[NodeKey] = ()

@@ -148,7 +148,7 @@ class TreeThrottle:
         return self._held + self._known
 
     def take(self, message: bytes, now: float) -> Optional[bytes]:
-        """Return a message of the transforms that may pass now; None if there are none."""
+        """Return a message of the transforms that may pass now; None if no transform may pass now."""
         try:
             transforms = list(_split(message))
         except (struct.error, ValueError):
@@ -218,7 +218,7 @@ def make_throttle(rate: Rate, topic: str, header: Mapping[str, str], budget: Opt
 
 
 def find_unknown(rate: Rate, topic: str, header: Mapping[str, str]) -> str:
-    """Return the type of a publisher's messages that cross without their rate, since nobody knows whether each counts; empty for any other."""
+    """Return the type of a publisher's messages that cross without their rate, since the relay cannot know if each of them counts; empty for any other."""
     kind = header.get("type", "")
     is_free = not rate.hertz or header.get("latching") == "1" or topic == STATIC
     return "" if is_free or is_known(kind) or _is_listed(kind, rate.whole) else kind

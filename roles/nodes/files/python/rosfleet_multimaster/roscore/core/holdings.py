@@ -4,7 +4,7 @@
 
 The threat: any program of another robot, or of a stranger, registers nodes or sets parameters until the roscore takes no more.
 The caller has a share, whatever it says in the request: a robot by all of its computers, and all strangers together. All that it gives
-up, or another program replaces, is given back. It is kept with the registration (registry.py), so a restart frees nobody of it.
+up, or another program replaces, is given back. It is kept with the registration (registry.py), so the count of each outlives a restart.
 """
 
 from collections import Counter

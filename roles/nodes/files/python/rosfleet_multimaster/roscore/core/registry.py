@@ -24,7 +24,7 @@ Row = List[Any]  # a record as it is kept or sent
 
 
 class Record(NamedTuple):
-    """One change. Fields that its kind has not are empty."""
+    """One change. Fields of other kinds are empty."""
 
     kind: str
     name: str  # of the topic, service, parameter or node
@@ -53,7 +53,7 @@ class Record(NamedTuple):
 
     @classmethod
     def from_row(cls, row: Any) -> "Record":
-        """Read a record that was kept. Raises ValueError if it is none."""
+        """Read a record that was kept. Raises ValueError if the row is no record."""
         kind = row[0] if isinstance(row, list) and row and isinstance(row[0], str) else ""
         fields = (*_FIELDS[kind], _BY)[: max(0, len(row) - 1)] if kind in KEPT else ()
         if len(fields) < len(_FIELDS.get(kind, (_BY,))) or len(row) != len(fields) + 1:

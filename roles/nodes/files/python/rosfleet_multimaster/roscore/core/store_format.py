@@ -6,7 +6,7 @@
 
 The first line is number 0 and a mapping: the format, and the boot of the computer that wrote it. A line counts if it is
 whole, its checksum is right, and its number follows that of the line before. The first line that does not count ends the
-file: a process or a computer that ends while it writes leaves half a line. Of values that JSON has not, only these are left out.
+file: a process or a computer that ends while it writes leaves half a line. Of a parameter, only the values that cannot be kept are left out.
 """
 
 import base64
@@ -26,7 +26,7 @@ MOST = 1 << 26  # or by so many bytes. So many may wait for that at once
 
 _SPECIAL = "\0special"  # XML has no such character, so no mapping of a parameter has this key
 _SPARE = 1.1  # while it is read, things that are gone count for a while
-_KINDS: Dict[str, Callable[[str], Any]] = {  # values that XML-RPC has and JSON has not -> from the text that is kept
+_KINDS: Dict[str, Callable[[str], Any]] = {  # types that XML-RPC has and JSON lacks -> from the text that is kept
     "Binary": lambda text: xmlrpc.client.Binary(base64.b64decode(text)),
     "DateTime": xmlrpc.client.DateTime,
 }

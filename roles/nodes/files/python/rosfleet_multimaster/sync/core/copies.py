@@ -6,7 +6,7 @@ The roscore has no owner of a parameter, so there is a record with them: the nam
 value is ours as long as it has such a digest. A value that another program has set since, or had set before, is never changed.
 
 The record is a parameter, too. So it lives exactly as long as the others, and outlives a killed master_sync. The managed roscore
-lets nobody else set it. Below another roscore anyone may. Who does so gains nothing: whoever can set it can set each
+lets only master_sync set it. Below another roscore any program may set it. That gains nothing: such a program can set each
 parameter, and a forged entry is of no use without the digest of the value that is there.
 """
 
@@ -57,7 +57,7 @@ class Todo(NamedTuple):
 
 
 def plan_copies(offers: Mapping[str, OfferedParameter], keep: AbstractSet[str], record: Record, own: Contents) -> Todo:
-    """Plan a pass. `keep`: names that stay as they are, since their robot has not given its values yet.
+    """Plan a pass. `keep`: names that stay as they are until their robot gives its values.
 
     A name is refused if a foreign value is there: a value at this name, below it, or in place of the
     namespace that it is in.
@@ -81,7 +81,7 @@ def plan_copies(offers: Mapping[str, OfferedParameter], keep: AbstractSet[str], 
 
 
 def _find_ours(name: str, mine: Copy, own: Contents) -> Optional[Copy]:
-    """The entry of a parameter that has a value of ours, with the digest of that one; None if it has not."""
+    """The entry of a parameter that has a value of ours, with the digest of that one; None if it has another value."""
     there = own.digests.get(name, "")
     return Copy(mine.master, (there,)) if there and there in mine.digests else None
 

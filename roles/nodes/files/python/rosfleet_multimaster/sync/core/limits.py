@@ -54,7 +54,7 @@ def _list_foreign(everything: Iterable[Row], taken: Set[Row], mine: Container[st
 
 
 def size(state: State) -> int:
-    """The number of registrations in a state, or of its nodes, types or providers: a true state has not more of these."""
+    """The largest of the numbers of registrations, nodes, types and providers in a state; in a true state, that of registrations."""
     registrations = sum(len(nodes) for kind in KINDS for nodes in getattr(state, f"{kind}s").values())
     return max(registrations, len(state.nodes), len(state.types), len(state.providers))
 

@@ -178,7 +178,7 @@ class TypeGuard:
         return item.type in named and self._masters.waits(item.master_uri, item.type)
 
     def _silent(self, topic: str, users: Users) -> bool:
-        """True if an own node has not yet named its type of the topic."""
+        """True while an own node has yet to name its type of the topic."""
         return any(self._nodes.waits(node, topic) for node in users)
 
 
