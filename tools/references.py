@@ -45,6 +45,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "roles/nodes/files/python")]
 
 from rosfleet_multimaster.protocol import metrics, parameters  # noqa: E402
+from rosfleet_multimaster.roscore.core.bounds import BOUNDS, MIB  # noqa: E402
 
 from tools.marks import Table, write  # noqa: E402
 
@@ -172,6 +173,13 @@ def list_metrics(_old: str) -> Iterator[Row]:
     """Yield the rows of the metrics."""
     for name, family in metrics.FAMILIES.items():
         yield f"`{metrics.PREFIX}{name}`", family.kind, join(family.labels), family.help
+
+
+def list_bounds(_old: str) -> Iterator[Row]:
+    """Yield the rows of what a roscore takes; the shares of robots are on the page."""
+    for name, (most, text) in BOUNDS.items():
+        limit = f"{most // MIB} MiB" if most >= MIB and most % MIB == 0 else f"{most:,}"
+        yield name, limit, text.partition(";")[0]
 
 
 def list_checks(_old: str) -> Iterator[Row]:
@@ -328,6 +336,10 @@ def list_tables() -> Iterator[Table]:
     yield table(
         *("operate/metrics", "metrics", "rosfleet_multimaster/protocol/metrics.py"),
         *("metric|kind|labels|meaning", list_metrics),
+    )
+    yield table(
+        *("understand/roscore", "bounds", "rosfleet_multimaster/roscore/core/bounds.py"),
+        *("bound|at most|of what", list_bounds),
     )
     yield table(
         *("operate/checks", "checks", "plugins/plugin_utils/_verify/checks"),

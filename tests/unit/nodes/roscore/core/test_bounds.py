@@ -5,6 +5,7 @@
 import json
 import pathlib
 import random
+import re
 import sys
 import xmlrpc.client
 
@@ -139,7 +140,9 @@ def test_the_page_has_the_table():
     ]
     for name, row in BOUNDS.items():
         shown = f"{row.most // bounds.MIB} MiB" if row.most >= bounds.MIB else f"{row.most:,}"
-        assert [name, shown, row.what] in rows, name
+        what, _semicolon, shares = row.what.partition(";")
+        assert [name, shown, what] in rows, name
+        assert all(figure in PAGE.read_text(encoding="utf-8") for figure in re.findall(r"\d{3,}", shares)), name
 
 
 def test_the_bound_of_elements_is_that_of_the_reader():
