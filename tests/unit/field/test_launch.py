@@ -59,5 +59,6 @@ def test_any_mixture_is_taken_or_named(kind, names, values):
     except ParameterError as problem:
         assert any(f"~{name}" in str(problem) for name in given_)
         return
-    again = {name: taken[name] for name in given_ if name in taken}  # a section of filters is taken for a host of its name
+    # A section of filters is taken for a host of its name.
+    again = {name: taken[name] for name in given_ if name in taken}
     assert overlay(TABLES[kind], again, foreign=True)[0] == taken

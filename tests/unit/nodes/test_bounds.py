@@ -371,7 +371,7 @@ def fleet_server(**changed):
 
 
 def asked(made, source):
-    """What a caller from an address is answered."""
+    """The answer to a caller from an address."""
     with made.connect(source) as connection, contextlib.suppress(OSError):
         connection.sendall(post(CALL))
         return read_all(connection)

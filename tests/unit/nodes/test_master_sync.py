@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What master_sync does with the news of discovery: messages of a topic, and lists."""
+"""The use that master_sync makes of the news of discovery: messages of a topic, and lists."""
 
 import pytest
 from rosfleet_multimaster.sync import finder
@@ -16,7 +16,7 @@ def _lab(monkeypatch, tmp_path):
 
 
 def is_online(lab):
-    """Whether robot2 is online, as master_sync knows it; None where it does not know it."""
+    """True if robot2 is online, as far as master_sync knows; None if master_sync does not know it."""
     remote = lab.program.core.remotes.get(lab.other.uri)
     return None if remote is None else remote.announced.online
 

@@ -23,7 +23,7 @@ MIB = 1 << 20
 
 @pytest.fixture(name="traced")
 def _traced():
-    """How many bytes are held, and were at most, since the test began."""
+    """The bytes that are held, and the most that were, since the test began."""
     gc.collect()
     tracemalloc.start()
     yield tracemalloc.get_traced_memory

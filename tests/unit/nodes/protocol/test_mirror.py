@@ -27,7 +27,7 @@ roscores = st.fixed_dictionaries(
 
 
 def records(before, after):
-    """What a roscore tells of a change; all that it has where there is no state before."""
+    """The answer of a roscore about a change; all that it has if there is no state before."""
     found = []
     for kind in ("publisher", "subscriber"):
         old = before[kind] if before else set()

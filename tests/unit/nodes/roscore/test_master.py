@@ -41,7 +41,7 @@ class Told:
 
 
 def ignore(*_what):
-    """What a test does not look at."""
+    """Ignore calls that a test does not look at."""
 
 
 class Roscore:
@@ -74,7 +74,7 @@ class Roscore:
         self.call("registerPublisher", name, "/image", "x/Y", uri)
 
     def now(self):
-        """What there is now, read from the tables themselves."""
+        """The registrations of now, read from the tables themselves."""
         found = Registry()
         for part in self.master.parts():
             for record in part:

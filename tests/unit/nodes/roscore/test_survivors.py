@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which nodes are still there: asked of servers that answer as nodes do."""
+"""The nodes that are still there: asked of servers that answer as nodes do."""
 
 import socket
 import threading
@@ -103,7 +103,7 @@ def registry(**uris):
 
 
 class Roscore:
-    """What is done to the roscore."""
+    """The roscore, which records the calls to it."""
 
     def __init__(self):
         self.ended, self.removed, self.back, self.buried, self.held = [], [], [], [], True

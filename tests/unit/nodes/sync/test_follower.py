@@ -61,7 +61,7 @@ def _there():
 
 
 class Here:
-    """Who follows it."""
+    """A follower of the roscore `there`, with its rules."""
 
     def __init__(self, there, rules=None):
         self.fetch = Fetch(URI, there.uri, rules or Filters({}).rules("robot2"))

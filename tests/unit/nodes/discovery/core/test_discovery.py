@@ -330,7 +330,7 @@ def test_one_name_or_one_uri_for_two_masters_is_reported():
 
 
 def heard_from_two_addresses(answers):
-    """What is told of a master whose first address falls silent; `answers`: somebody answers there over TCP."""
+    """The events about a master whose first address falls silent; `answers`: a program answers there over TCP."""
     core = started()
     second = ("10.0.0.2", 11511)
     for source in (PEER, second):
@@ -794,7 +794,7 @@ def test_a_full_list_of_masters_takes_a_new_one_later(monkeypatch):
 
 
 def looks(monkeypatch, masters):
-    """How often a core looks at a single master, in ten seconds of beats of so many."""
+    """The number of times that a core looks at a single master, in ten seconds of beats of so many."""
     core, seen = started(heartbeat_hz=1.0, offline_after=5.0), []
     for number in range(masters):
         address = f"192.168.2.{number}"

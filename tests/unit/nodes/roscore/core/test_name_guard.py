@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who gets a name that two nodes want."""
+"""The node that gets a name that two nodes want."""
 
 import pytest
 from rosfleet_multimaster.roscore.core.name_guard import MOST, REPLACED, NameGuard, Verdict

@@ -35,7 +35,7 @@ owned = st.sets(
 
 
 def roscore(own, held=()):
-    """What a roscore holds: some names of the own node, and what was registered."""
+    """The content of a roscore: some names of the own node, and what was registered."""
     tables = {"publishers": {}, "subscribers": {}, "services": {}}
     for kind, name in own:
         tables[kind][name] = ("/own",)

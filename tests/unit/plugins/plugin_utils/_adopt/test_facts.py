@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a machine tells, read as types: what makes no sense is refused, and what is too much is cut."""
+"""Answers of machines, read as types: nonsense is refused, and an excess is cut."""
 
 import copy
 import random

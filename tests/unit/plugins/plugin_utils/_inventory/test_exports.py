@@ -650,7 +650,7 @@ STATE = graph.build(
 
 
 class Served:
-    """What a master_discovery tells a caller at an address, whose robot has everything, and imports of a third."""
+    """The answer of a master_discovery to a caller at an address, whose robot has everything, and imports of a third."""
 
     def __init__(self, policy, address):
         told = graph.document(*policy.view(STATE, address))
@@ -662,7 +662,7 @@ class Served:
 
 
 class Taken:
-    """What master_sync with these parameters takes of a master; its rules as the other side applies them."""
+    """The registrations that master_sync with these parameters takes of a master; its rules as the other side applies them."""
 
     def __init__(self, of_taker, master):
         taken = filters.Filters(of_taker)

@@ -64,7 +64,7 @@ def everywhere(robot, **values):
 
 
 def machine(distribution, computer="tibi-visio"):
-    """What multimaster_info finds on a computer with this distribution of ROS."""
+    """The facts that multimaster_info finds on a computer with this distribution of ROS."""
     own = distribution == "debian"
     old = distribution not in ("noetic", "debian")
     addresses = {"tibi-visio": ("192.168.11.101", "192.168.1.201"), "dabo-pc": ("192.168.1.202",)}[computer]
@@ -228,7 +228,7 @@ def test_bundled_nodes_need_nothing_of_upstream():
 
 
 class Upstream:
-    """What upstream's master_sync takes with these parameters."""
+    """The names that upstream's master_sync takes with these parameters."""
 
     def __init__(self, parameters):
         self.parameters = parameters

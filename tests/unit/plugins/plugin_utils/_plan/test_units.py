@@ -223,7 +223,7 @@ RATED = {
 
 
 def analyzed(*words):
-    """What systemd-analyze says, or None where it is not there or older than these words."""
+    """The output of systemd-analyze, or None if it is missing or older than these words."""
     try:
         done = subprocess.run(["systemd-analyze", *words], capture_output=True, text=True, timeout=60, check=False)
     except FileNotFoundError:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who comes in by which port: a folder of /proc, and the sentence where the controller would be cut off."""
+"""The users of each port: a folder of /proc, and the sentence where the controller would be cut off."""
 
 import os
 import random

@@ -77,7 +77,7 @@ class Machine:
         return json.loads(done.stdout)
 
     def left(self):
-        """What is beside the file, and in the folder of records."""
+        """The files beside the file, and in the folder of records."""
         records = [path.name for path in self.records.iterdir()] if self.records.exists() else None
         return [path.name for path in self.hosts.parent.iterdir()], records
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which file decides a kernel setting at boot: golden trees, and systemd-sysctl itself as the judge of them."""
+"""The file that decides a kernel setting at boot: golden trees, and systemd-sysctl itself as the judge of them."""
 
 import json
 import os

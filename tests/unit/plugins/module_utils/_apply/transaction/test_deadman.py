@@ -274,7 +274,7 @@ def asking(tmp_path):
     ask.write_text(f"env -i PYTHONPATH='{paths}' {sys.executable} -c '{program}'; :\n")
 
     def lines(*names, script="sh ask; sh ask"):
-        """What is printed below servers of these names, the outermost first."""
+        """The text that is printed below servers of these names, the outermost first."""
         for name in reversed(names):
             script = f"./{name} -c '{script}; :'"
         done = subprocess.run(["sh", "-c", script], cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True)
@@ -317,7 +317,7 @@ def test_names_with_blanks_and_brackets(tmp_path):
 
 
 class Module:
-    """What a Guard needs of a module."""
+    """The part of a module that a Guard needs."""
 
     def __init__(self, confirm_within=0, confirmation="", check_mode=False):
         self.params = {"confirm_within": confirm_within, "confirmation": confirmation}

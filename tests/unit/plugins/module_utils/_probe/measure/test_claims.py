@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Who answers for an address: real questions on a real network of three computers, and what is read of messages."""
+"""The computers that answer for an address: real questions on a real network of three computers, and what is read of messages."""
 
 import json
 import subprocess

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a robot's roscore is found to hold: a roscore and nodes as far as the probe asks them, over real sockets."""
+"""The registrations that the probe finds at a robot's roscore: a roscore and nodes as far as the probe asks them, over real sockets."""
 
 import io
 import json

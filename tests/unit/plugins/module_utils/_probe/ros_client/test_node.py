@@ -34,7 +34,7 @@ def own():
 
 
 def place(own):
-    """Where its topic is to be had, as it tells a subscriber."""
+    """The place of its topic, as it tells a subscriber."""
     code, _said, (_protocol, host, port) = xmlrpc.client.ServerProxy(own.uri).requestTopic("/x", TOPIC, [["TCPROS"]])
     assert code == 1
     return host, port

@@ -198,7 +198,7 @@ def counted(value):
 
 
 def work(function):
-    """How many Python functions a function calls, and how often texts of observations are compared."""
+    """The number of Python functions that a function calls, and of comparisons of observed texts."""
     calls = 0
 
     def called(frame, event, argument):

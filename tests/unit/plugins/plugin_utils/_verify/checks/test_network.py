@@ -431,7 +431,7 @@ def test_a_gateway_without_a_route_looks_in_its_own_networks():
 
 
 def test_a_neighbour_that_nobody_finds_is_told():
-    """Who answers ARP is there, whatever its packet filters drop. A question that got lost is none of its faults."""
+    """A computer that answers ARP is there, whatever its packet filters drop. A lost question is no fault of the computer."""
 
     def rows(change):
         return {(row.observer, row.target): row for row in evaluate(change, fig12()) if row.check == "answers_arp"}

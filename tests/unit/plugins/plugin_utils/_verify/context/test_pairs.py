@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which pairs a verification tries: all of a small fleet, and of a large one enough to exercise every part."""
+"""The pairs that a verification tries: all of a small fleet, and of a large one enough to exercise every part."""
 
 from collections import Counter
 

@@ -29,7 +29,7 @@ def explained(failures, passed, known=()):
 
 
 class Passed(dict):
-    """How many successes need a part."""
+    """The number of successes that need a part."""
 
     def get_number(self, component):
         return self.get(component, 0)

@@ -152,7 +152,7 @@ class Space:
             space(f"ip link set {name} up")
 
     def refused(self):
-        """How many beginnings of connections from nowhere TCP has answered here with a reset."""
+        """The number of resets that TCP has sent here, as it does to the beginning of a connection from nowhere."""
         lines = [line.split() for line in self("cat /proc/net/snmp").splitlines() if line.startswith("Tcp:")]
         return int(dict(zip(*lines, strict=True))["OutRsts"])
 
@@ -249,7 +249,7 @@ def test_an_own_address_does_not_come_in_from_a_wire(wires):
 
 
 def test_nor_does_the_beginning_of_a_connection(wires):
-    """What begins in the computer's own name is answered to itself, which knows of nothing."""
+    """A connection that begins in the computer's own name is answered to itself, which began none."""
     victim, packet = wires[1], ("tcp", GLOBAL["victim"], GLOBAL["victim"])
     with victim.hearing("out"):
         before = victim.refused()
