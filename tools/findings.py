@@ -39,11 +39,7 @@ SPDX-License-Identifier: GPL-3.0-or-later
 <!-- generated from plugins/plugin_utils/_faults and tests/faults/catalogue by `make findings` -->
 """
 PLACE = "COMPUTER"  # in a sentence and in a command, as the placeholders of the docs are
-SEEN = {
-    ALWAYS: "a value",
-    READ: "a value; concluded if nobody could look there",
-    "": "a value, followed packets, or concluded",
-}
+SEEN = {READ: "a value, or concluded", "": "a value, followed packets, or concluded"}
 
 
 def read_examples() -> Mapping[Key, Sequence[tuple[str, str]]]:
@@ -67,17 +63,17 @@ def write_index() -> str:
         "",
         "- **Do** changes something; each command has its place. A finding that is only inferred has no Do.",
         "- **Look** is for a fault that stays after Do. It changes nothing.",
-        "- **Seen** names the evidence, and the cost of a conclusion without it. Of two faults that explain the same, the cheaper one is named.",
+        "- **Seen** names the evidence. A fault is *concluded* if nobody could look there, and it explains the failed checks best.",
         "- **In the lab** has the command that made the fault in a lab of containers, in which this finding was the first one.",
         "",
         "`ansible-playbook rosfleet.multimaster.report -e bundle=bundle.zip -e explain=2` says why the second finding of a bundle was made.",
         "",
     ]
     for digit, area in AREAS.items():
-        lines += [f"## {area[0].upper()}{area[1:]}", "", "| id | |", "|---|---|"]
-        lines += [
-            f"| [{fault.id}]({digit}xx.md#{fault.id.lower()}) | {fill(fault)} |" for _key, fault in list_area(digit)
-        ]
+        lines += [f"## {area[0].upper()}{area[1:]}", ""]
+        for kind, rows in groupby(list_area(digit), key=lambda row: row[0][0]):
+            ids = (f"{mode} [{fault.id}]({digit}xx.md#{fault.id.lower()})" for (_kind, mode), fault in rows)
+            lines.append(f"- `{kind}`: {', '.join(ids)}")
         lines.append("")
     return "\n".join(lines)
 
@@ -125,11 +121,8 @@ def write_fault(key: Key, fault: Fault, examples: Sequence[tuple[str, str]]) -> 
 
 
 def write_evidence(key: Key, fault: Fault) -> str:
-    """Return how a fault is seen, and why it costs so much to conclude it."""
-    if key[0] in (PREDICTED, WATCHED):
-        return fault.why
-    cost = "" if fault.read == ALWAYS else f"cost {fault.cost:g}, "
-    return f"{SEEN[fault.read]} ({cost}{fault.why})"
+    """Return how a fault is seen. The reason of a cost is for who works on the table."""
+    return fault.why if fault.read == ALWAYS or key[0] in (PREDICTED, WATCHED) else SEEN[fault.read]
 
 
 def write_advices(fault: Fault, advices: Advices) -> Iterator[str]:
