@@ -7,12 +7,16 @@ import ast
 import itertools
 import json
 import os
+import re
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
+import yaml
 
+from tests.unit.test_documents import DEFINED, INLINE, without_code
 from tools import copies, package
 
 pytestmark = pytest.mark.whole
@@ -30,7 +34,10 @@ PAGES = {
     "REUSE.toml",
     "SECURITY.md",
 }
-FOR_DEVELOPERS = ("changelogs/fragments/", "docs/images/", "docs/understand/performance/")
+FOR_DEVELOPERS = ("changelogs/fragments/",)
+MEASURED = {
+    f"docs/understand/performance/{name}" for name in ("crowd.png", "growth.json", "growth.png", "network.json")
+}
 MADE = {"MANIFEST.json", "FILES.json"}
 #: what may lie in the folder of somebody who builds
 STRAYS = """
@@ -80,8 +87,36 @@ def installed(archive, tmp_path_factory):
 def test_it_holds_what_people_install_and_nothing_else(archive):
     there = set(package.content(archive)) - MADE
     ours = {name for name in package.list_files() if name in PAGES or name.startswith(SHIPPED)}
-    expected = {name for name in ours if not name.startswith(FOR_DEVELOPERS)}
+    expected = {name for name in ours if not name.startswith(FOR_DEVELOPERS)} - MEASURED
     assert (sorted(there - expected), sorted(expected - there)) == ([], [])
+
+
+VERSION = re.escape(yaml.safe_load((ROOT / "galaxy.yml").read_text(encoding="utf-8"))["version"])
+REPOSITORY = re.compile(
+    rf"https://(?:github\.com/rosfleet/multimaster/(?:blob|tree)|raw\.githubusercontent\.com/rosfleet/multimaster)/{VERSION}/([^#?]+)"
+)
+
+
+def test_each_link_of_a_shipped_page_leads_somewhere(archive):
+    """To a file in the archive, or to one of the repository at the tag; of the README, which Galaxy shows alone, to the latter only."""
+    there, tracked, found = package.content(archive), package.list_files(), {"near": 0, "far": 0}
+    places = {kind: {*names, *(str(up) for name in names for up in Path(name).parents)} for kind, names in
+              {"near": there, "far": tracked}.items()}  # fmt: skip
+    with tarfile.open(archive) as opened:
+        pages = {name: opened.extractfile(name).read().decode() for name in there if name.endswith(".md")}
+    for page, text in pages.items():
+        links = [*INLINE.findall(without_code(text)), *DEFINED.findall(without_code(text))]
+        for link in links:
+            if far := REPOSITORY.match(link):
+                assert far[1] in places["far"], (page, link)
+                found["far"] += 1
+            elif not re.match(r"[a-z]+:|#", link):
+                target = os.path.normpath(os.path.join(os.path.dirname(page), link.partition("#")[0]))
+                assert target in places["near"] and page != "README.md", (page, link)
+                found["near"] += 1
+    assert found["near"] > 200 and found["far"] > 60
+    pictures = re.findall(r"!\[[^]]*\]\((\S+)\)", pages["README.md"])
+    assert [REPOSITORY.match(picture)[1] for picture in pictures] == ["docs/images/programs.svg"]
 
 
 def test_copies_are_what_their_originals_are():
