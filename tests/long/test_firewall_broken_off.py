@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from killed import UNTIL
 from setups.packet_filters import make_filter_lab
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,27 +37,18 @@ OPTIONS = {
     "records": "/var/lib/rosfleet-multimaster",
 }
 # One run that is ended, as by kill -9, before its command or change of a file of this number.
-KILLED = """
-import json, os, signal, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
+KILLED = (
+    UNTIL
+    + """
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall import run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import contract
+contract.run_or_fail = until(contract.run_or_fail)
 options, left = json.loads(sys.argv[1]), int(sys.argv[2])
-def until(step):
-    def counted(*arguments, **more):
-        global left
-        left -= 1
-        if left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return step(*arguments, **more)
-    return counted
-for module, names in ((contract, ["run_or_fail"]), (atomic, ["write_by_rename", "remove", "make_folders", "remove_folder_if_empty"])):
-    for name in names:
-        setattr(module, name, until(getattr(module, name)))
 made = run.FirewallRun(options)
 made.apply()
 print("changed" if made.changed else "right")
 """
+)
 
 
 @pytest.fixture(scope="module")

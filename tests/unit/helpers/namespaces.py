@@ -18,6 +18,11 @@ import ansible_collections
 TOOLS = ("ip", "unshare", "nsenter")
 MODULES = "ansible_collections.rosfleet.multimaster.plugins.modules."
 COLLECTIONS = Path(next(iter(ansible_collections.__path__))).parent
+ROOT = Path(__file__).resolve().parents[3]
+# Root of a network without another computer, also for other users than root.
+ALONE = ("unshare", "--map-root-user", "--net")
+#: The places where a program that runs alone finds the nodes, and the parts of its tests.
+PLACES = (ROOT / "roles/nodes/files/python", ROOT / "tests/unit/nodes", ROOT / "lab/nodes/hostile")
 
 
 @functools.cache
@@ -32,6 +37,31 @@ def why_not(*tried):
     if subprocess.run(command, check=False, capture_output=True).returncode:
         return f"needs the right to make network namespaces {' and '.join(tried[:1])}".rstrip()
     return ""
+
+
+@functools.cache
+def why_not_alone():
+    """The reason why a program cannot run alone; "" if it can."""
+    try:
+        subprocess.run([*ALONE, "ip", "link"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "needs unshare and ip, and network namespaces for this user"
+    return ""
+
+
+def run_alone(program, *words, log=None):
+    """Run a program of tests/unit/nodes in a network of its own; its output. Raises AssertionError with its log if it fails."""
+    path = ":".join(filter(None, (*map(str, PLACES), os.environ.get("PYTHONPATH", ""))))
+    done = subprocess.run(
+        [*ALONE, sys.executable, str(ROOT / "tests/unit/nodes" / program), *map(str, words)],
+        env={**os.environ, "PYTHONPATH": path},
+        timeout=300,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr + (log.read_text() if log and log.exists() else "")
+    return done.stdout
 
 
 class Host:

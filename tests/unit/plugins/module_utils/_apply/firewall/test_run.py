@@ -11,6 +11,7 @@ from pathlib import Path
 
 import ansible_collections
 import pytest
+from killed import UNTIL
 from namespaces import why_not
 
 TOOLS = ("nft", "unshare", "nsenter")
@@ -35,22 +36,12 @@ GATEWAY = {
 FOREIGN = "add table inet foreign { chain input { type filter hook input priority 0; tcp dport 9 drop; }; }"
 
 # Runs one after another in processes of their own, each ended, as by kill -9, before its change of this number (0: never).
-RUNS = """
-import json, os, signal, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
+RUNS = (
+    UNTIL
+    + """
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall import run
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.firewall.backends import contract, nftables
-left = 0
-def until(step):
-    def counted(*arguments, **options):
-        global left
-        left -= 1
-        if left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return step(*arguments, **options)
-    return counted
-for module, name in [(contract, "run_or_fail"), *((atomic, name) for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empty"))]:
-    setattr(module, name, until(getattr(module, name)))
+contract.run_or_fail = until(contract.run_or_fail)
 root = sys.argv[1]
 run.has_systemd = lambda: False
 run.BACKENDS = {"nftables": nftables.BackEnd}
@@ -72,6 +63,7 @@ for options, left, half in json.load(sys.stdin):
     if os.WIFSIGNALED(os.wait()[1]):
         print(json.dumps("killed"), flush=True)
 """
+)
 
 
 pytestmark = pytest.mark.skipif(bool(why_not(*LIST)), reason=why_not(*LIST) or "can run")

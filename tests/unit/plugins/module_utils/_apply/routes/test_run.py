@@ -15,6 +15,7 @@ from pathlib import Path
 
 import ansible_collections
 import pytest
+from killed import UNTIL
 from mentioned import mentions
 from namespaces import why_not
 from planned_routes import DEFAULTS
@@ -27,22 +28,11 @@ MODULE = "routes"
 HOOK = "etc/network/if-up.d/rosfleet-multimaster"
 
 # Runs one after another in processes of their own, each ended, as by kill -9, before its change of this number (0: never).
-RUNS = """
-import json, os, signal, sys
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
+RUNS = (
+    UNTIL
+    + """
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes import run as routes_run
-left = 0
-def until(step):
-    def counted(*arguments, **options):
-        global left
-        left -= 1
-        if left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return step(*arguments, **options)
-    return counted
 routes_run.kernel.change_route = until(routes_run.kernel.change_route)
-for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empty"):
-    setattr(atomic, name, until(getattr(atomic, name)))
 for options, left in json.load(sys.stdin):
     if os.fork() == 0:
         run = routes_run.RoutesRun(options)
@@ -52,6 +42,7 @@ for options, left in json.load(sys.stdin):
     if os.WIFSIGNALED(os.wait()[1]):
         print(json.dumps("killed"), flush=True)
 """
+)
 
 
 pytestmark = pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")
