@@ -43,9 +43,10 @@ MOST_DRAWS = 6  # for each fault that is wanted
 SETTLE = 2.0  # seconds until a fault has its effect
 LOOKS = 2  # in which something is broken
 PATIENCE = 8  # seconds, as verify_patience: the lab's own looks have taken as long already
-# The limits: shares of all faults
+# The limits are the aim, as shares of all faults. Measured (tests/evidence/faults.md): of seed 3 (201 faults) 0.975, 0.945 and 0.01, of
+# seed 5 (111 faults) 0.982, 0.955 and 0.018. A run of few faults may miss them by a single one.
 LEAST_COMPUTER, LEAST_PART, MOST_OTHER = 0.97, 0.90, 0.02
-LEAST_BOTH = 0.85  # of two faults at once
+LEAST_BOTH = 0.85  # of two faults at once, where the aim is lower: no seed has been measured on real systems
 ALWAYS = ("signal", "person")  # kinds of faults that break something, also where the lab's own look does not ask for it
 
 
