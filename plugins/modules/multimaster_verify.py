@@ -7,21 +7,12 @@ module: multimaster_verify
 short_description: Measure how this computer sees the other computers and masters
 version_added: "1.0.0"
 description:
-  - Does from this computer to all others the tests that sections 3.2 and 3.3 of the report IRI-TR-15-1 try by hand. It resolves
-    the names, pings by name and by address, connects to the discovery nodes, compares the clocks, calls
-    C(rosservice call /master_discovery/list_masters), and hears the topic that every other computer publishes (section 4.3).
-    On the computer of a roscore it also reads the registrations there, with their robots, and the connected nodes.
-  - It takes three tasks, so that any number of C(--forks) works. With O(action=start), every computer that has ROS
-    starts a talker, a small node without rospy in a unit that ends by itself after O(lifetime); with O(look) and
-    O(multicast) the machine is looked at and a listener started in the same run. With
-    O(action=collect), every computer looks, all others at once, and returns its measurements; one node on each computer
-    subscribes to all talkers, as C(rostopic echo) does to one. With O(action=stop), the
-    talkers end. Use the C(linear) strategy (the default), so that a task is through on every computer before the next
-    one begins.
-  - With O(action=stream), between the last two, it sends for a moment to the talker of each other computer and returns how fast
-    that was. Such a task needs C(throttle) with V(1), since streams at the same time would measure each other.
-  - It is a measurement, so a missing answer is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
-  - It runs the commands of ROS as the user C(nobody) and needs root itself, for raw sockets and for the talker's unit.
+  - Tries the connections of this computer with all others, as sections 3.2, 3.3 and 4.3 of the report IRI-TR-15-1 do by hand.
+    It resolves names, pings, asks discovery nodes, compares clocks and registrations, and listens to a topic of each computer.
+  - It takes three tasks with the C(linear) strategy. O(action=start) starts a talker, O(action=collect) measures,
+    and O(action=stop) ends the talker. O(action=stream) between the last two measures throughput, and needs C(throttle) with V(1).
+  - A missing answer is a result and no failure; M(rosfleet.multimaster.fleet_report) judges it.
+  - It needs root. Commands of ROS run as the user C(nobody).
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes.probe
 attributes:
@@ -31,44 +22,38 @@ attributes:
 options:
   action:
     description:
-      - With V(start), a talker is left running on this computer, and helpers of M(rosfleet.multimaster.multicast_verify)
-        on the computers of O(members) with O(members[].discovery=true) are sent a few empty datagrams, so that they see
-        from which address they come. An older talker ends first. That a talker cannot start is a result and no failure.
-      - With V(collect), this computer looks at all others and returns its measurements.
-      - With V(stream), this computer sends a stream to each of O(talkers), one after the other, and returns RV(streams).
-      - With V(stop), the talker of this computer ends.
-      - V(started), V(collected), V(streamed) and V(stopped) are the former words for the same, as C(state) is the former name of the
-        option.
+      - V(start) starts a talker, a small node in a unit that ends after O(lifetime); an older talker ends first.
+        V(collect) returns the measurements to all others. V(stream) sends a stream to each of O(talkers) and returns RV(streams).
+        V(stop) ends the talker.
+      - V(started), V(collected), V(streamed) and V(stopped) are former words, and C(state) is the former name of the option.
     type: str
     choices: [start, collect, stream, stop, started, collected, streamed, stopped]
     aliases: [state]
     default: collect
   run:
     description:
-      - The label of the run, for example V(verify-1730000000), of 1 to 64 letters, digits, dots, hyphens and
-        underscores. The talkers say it, so that the text of an older talker is not taken for theirs.
+      - The label of the run, 1 to 64 letters, digits, dots, hyphens and underscores, for example V(verify-1730000000).
+        Talkers of another run are not heard.
     type: str
     default: default
   name:
-    description:
-      - The name of this computer as in O(members), for example V(kobuki1computer).
-      - Required unless O(action=stop).
+    description: >-
+      The name of this computer in O(members), for example V(kobuki1computer). Required unless O(action=stop).
     type: str
   is_master:
-    description:
-      - Whether the roscore of its robot runs on this computer, for example V(true). Only then RV(exchange) is read. Other
-        computers may be without ROS; then they have no talker, and that is no error.
+    description: >-
+      V(true) if this computer runs the roscore of its robot. Then RV(exchange) is read, and ROS must be there.
     type: bool
     default: false
   is_router:
-    description:
-      - Whether this computer is the router of the common network and no computer of a robot, for example V(true). Then
-        only the values for packets are read, routes, pings by address and kernel settings.
+    description: >-
+      V(true) if this computer is the router of the common network. Then only routes, pings by address and kernel
+      settings are read.
     type: bool
     default: false
   members:
     description:
-      - All computers of the fleet, this one included.
+      - All computers of the fleet, as RV(rosfleet.multimaster.fleet_plan#module:members).
       - Required with O(action=collect) and O(action=stream).
     type: list
     elements: dict
@@ -94,13 +79,13 @@ options:
         type: str
         default: ""
       discovery:
-        description: Whether a helper of M(rosfleet.multimaster.multicast_verify) runs there, for example V(true).
+        description: >-
+          V(true) if a helper of M(rosfleet.multimaster.multicast_verify) runs there. O(action=start) sends it a few empty
+          datagrams, so that it returns the address from which they come.
         type: bool
         default: false
       multicast:
-        description:
-          - Whether it hears the multicast group of the others, for example V(true). It is not read. It is accepted, so
-            that RV(rosfleet.multimaster.fleet_plan#module:members) can be given as it is.
+        description: Accepted and not read, so that the plan's members can be given as they are.
         type: bool
         default: false
   port:
@@ -108,9 +93,9 @@ options:
     type: int
     default: 11511
   masters:
-    description:
-      - All masters of the fleet, as RV(rosfleet.multimaster.fleet_plan#module:masters).
-      - Required with O(action=collect).
+    description: >-
+      All masters of the fleet, as RV(rosfleet.multimaster.fleet_plan#module:masters). Required with
+      O(action=collect).
     type: list
     elements: dict
     suboptions:
@@ -131,52 +116,48 @@ options:
         type: int
         required: true
       monitor_uri:
-        description: The URI at which its discovery node answers, for example V(http://192.168.1.239:11611).
+        description: The URI of its discovery node, for example V(http://192.168.1.239:11611).
         type: str
         required: true
       robot:
-        description: Its robot, for example V(kobuki2). Not read; accepted as O(members[].multicast) is.
+        description: Accepted and not read.
         type: str
         default: ""
       uri:
-        description:
-          - Its master URI, for example V(http://kobuki2computer:11311/). Of it the port is read; see RV(masters[].roscore).
+        description: Its master URI, for example V(http://kobuki2computer:11311/); its port is read.
         type: str
         default: ""
       declared:
-        description:
-          - Whether its robot declares its exports, for example V(false). Not read; accepted as O(members[].multicast)
-            is.
+        description: Accepted and not read.
         type: bool
         default: false
       roscore:
-        description:
-          - The IPv4 address of its roscore, for example V(192.168.1.40), if that is on a sealed computer. Empty if it is on
-            O(masters[].computer).
+        description: >-
+          The IPv4 address of a roscore on a sealed computer, for example V(192.168.1.40); empty on
+          O(masters[].computer).
         type: str
         default: ""
   present:
-    description:
-      - The names of the computers that take part in this run, for example V([kobuki1computer, kobuki2computer]). Only
-        their masters are waited for. All O(members), if not given.
+    description: >-
+      The computers of this run, for example V([kobuki1computer, kobuki2computer]); only their masters are waited for.
+      Default is all O(members).
     type: list
     elements: str
   talkers:
-    description:
-      - The names of the computers whose talkers run, for example V([kobuki1computer, kobuki2computer]); this computer
-        listens to the others. All of O(present), if not given.
+    description: >-
+      The computers whose talkers run, for example V([kobuki1computer, kobuki2computer]). Default is O(present).
     type: list
     elements: str
   tried:
-    description:
-      - The names of those of O(members) at which this computer looks, for example V([kobuki2computer]); it listens to the
-        talkers of no others. All O(members), if not given.
+    description: >-
+      The computers that are measured, for example V([kobuki2computer]); other talkers are not heard. Default is all
+      O(members).
     type: list
     elements: str
   services:
-    description:
-      - The services that run on this computer, for example V([watchdog, roscore, discovery, connections, sync]); each is the unit
-        C(multimaster-<name>.service).
+    description: >-
+      The services of this computer, for example V([watchdog, roscore, discovery]); each is a unit
+      C(multimaster-<name>.service).
     type: list
     elements: str
     default: []
@@ -185,17 +166,16 @@ options:
     type: path
     default: /etc/rosfleet-multimaster/environment
   variables:
-    description:
-      - The variables that the services are to have in any case, also if O(environment_file) has lost them, for example C(ROS_HOSTNAME)
-        with V(kobuki1computer).
+    description: >-
+      Variables that the services need in any case, for example V({ROS_HOSTNAME: kobuki1computer}).
     type: dict
     default: {}
   boot:
-    description: The planned values after the next boot; see RV(next_boot). Nothing is compared with it, if not given.
+    description: The planned values after the next boot, which RV(next_boot) compares. Without it nothing is compared.
     type: dict
     suboptions:
       settings:
-        description: Kernel settings, as the option O(rosfleet.multimaster.sysctl#module:settings) has them.
+        description: Kernel settings, as O(rosfleet.multimaster.sysctl#module:settings).
         type: list
         elements: dict
         default: []
@@ -214,7 +194,7 @@ options:
             elements: str
             default: []
       routes:
-        description: Routes, as the option O(rosfleet.multimaster.routes#module:routes) has them.
+        description: Routes, as O(rosfleet.multimaster.routes#module:routes).
         type: list
         elements: dict
         default: []
@@ -228,25 +208,24 @@ options:
             type: str
             required: true
       hosts:
-        description: Whether C(/etc/hosts) has bindings of the collection, for example V(true).
+        description: V(true) if C(/etc/hosts) has lines of the collection.
         type: bool
         default: true
   multicast:
-    description:
-      - The options of M(rosfleet.multimaster.multicast_verify) without its O(action), for example C(name) and C(computers) of its
-        listener. With O(action=start) its listener is started, and with O(action=collect), its measurements are made here
-        at the same time, so a computer has one module run and not two; see RV(multicast). Nothing is measured on the group,
-        if not given.
+    description: >-
+      The options of M(rosfleet.multimaster.multicast_verify) without its O(action), for example V({name:
+      kobuki1computer}). Its two tasks are done in these runs; see RV(multicast). Without it the group is not
+      measured.
     type: dict
   look:
-    description:
-      - With O(action=start) the options of M(rosfleet.multimaster.multimaster_info), for example C(parts). The machine is looked
-        at in the same run; see RV(machine). It is not looked at, if not given.
+    description: >-
+      The options of M(rosfleet.multimaster.multimaster_info), for example V({parts: [computer]}), with
+      O(action=start). The same run looks at the machine; see RV(machine). Without it nothing is looked at.
     type: dict
   parameters:
-    description:
-      - The planned parameters of the nodes on this computer, by the name of the node, for example C(mcast_port) with V(11511)
-        in O(parameters.master_discovery). They are compared with those on the roscore; see RV(parameters).
+    description: >-
+      The planned parameters of the nodes on this computer, for example V({master_discovery: {mcast_port: 11511}}).
+      RV(parameters) compares them with those on the roscore.
     type: dict
     suboptions:
       master_discovery:
@@ -259,43 +238,40 @@ options:
         default: {}
       master_relay:
         version_added: "1.1.0"
-        description: Those of C(/master_relay), which it reads from C(/etc/rosfleet-multimaster/master_relay.json).
+        description: Those of C(/master_relay), in C(/etc/rosfleet-multimaster/master_relay.json).
         type: dict
         default: {}
   crossing:
     version_added: "1.1.0"
-    description:
-      - Parameters that this robot gives to others, or gets of them, for example V(/robot_description). Their digests on this robot's
-        roscore are returned; see RV(parameters.crossing).
+    description: >-
+      Parameters that cross between robots, for example V([/robot_description]); RV(parameters.crossing) has their
+      digests.
     type: list
     elements: str
     default: []
   environment:
-    description:
-      - The variables of ROS on this computer if O(environment_file) is not there, since the collection did not set it up, for
-        example C(ROS_MASTER_URI) with V(http://kobuki1computer:11311).
+    description: >-
+      The variables of ROS if O(environment_file) is missing, for example V({ROS_MASTER_URI:
+      "http://kobuki1computer:11311"}).
     type: dict
     default: {}
   patience:
-    description:
-      - How many seconds to wait at most for masters and topics that are not there yet, for example V(20); from 0 to
-        600. Nothing is waited for that is there.
+    description: Seconds to wait at most for missing masters and topics, from 0 to 600, for example V(20).
     type: int
     default: 20
   lifetime:
-    description:
-      - How many seconds a talker lives at most, for example V(300); from 10 to 7200. It must cover the time from the
-        first computer's task with O(action=start) to the last one's with O(action=collect) or O(action=stream).
+    description: >-
+      Seconds that a talker lives at most, from 10 to 7200, for example V(300). It covers all tasks from the first
+      O(action=start) on.
     type: int
     default: 300
   seconds:
-    description:
-      - How many seconds a stream with O(action=stream) takes, for example V(0.5); from 0.1 to 2. It ends earlier after 20 MB.
+    description: >-
+      Seconds of a stream with O(action=stream), from 0.1 to 2, for example V(0.5). It ends earlier after 20 MB.
     type: float
     default: 0.5
 notes:
-  - The return values have one level of fields here, each with its first sentence. All fields, sentences and examples are in
-    C(plugins/module_utils/_contract) of the collection.
+  - The return values have one level of fields here. All fields and examples are in C(plugins/module_utils/_contract) of the collection.
 author:
   - rosfleet contributors (@rosfleet)
 seealso:
