@@ -35,6 +35,8 @@ FORMS = {
     ),
     # a chain of a packet filter, with its family and table
     "chain": re.compile(r"(?:inet|ip) [A-Za-z0-9_][A-Za-z0-9_.-]* [A-Za-z0-9_][A-Za-z0-9_.-]*"),
+    "graph": re.compile(r"/[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*"),  # a topic, service or node of ROS
+    "type": re.compile(r"[A-Za-z][A-Za-z0-9_]*/[A-Za-z][A-Za-z0-9_]*"),  # of a message of ROS
     # a name, address, unit or setting in the remedy of a part
     "what": re.compile(r"[A-Za-z0-9][A-Za-z0-9_./@:-]*"),
 }

@@ -26,6 +26,9 @@ UNREAD: Mapping[str, str] = {
     "other": "<address of another computer there>",
     "beyond": "<an address there>",
     "group": "<multicast group>",
+    "topic": "<topic>",
+    "type": "<type>",
+    "nodes": "<node>",
 }
 PAGES = "https://github.com/rosfleet/multimaster/blob/main/docs/findings"
 

@@ -8,7 +8,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .computer import ADDRESSES
-from .fault import ALWAYS, READ, Advice, Advices, Fault, Key, change, controller, hand, on, site, site_of_all
+from .fault import (
+    ALWAYS,
+    READ,
+    Advice,
+    Advices,
+    Fault,
+    Key,
+    change,
+    controller,
+    hand,
+    keep_settings,
+    on,
+    site,
+    site_of_all,
+)
 
 CLOUD = "writes /etc/hosts, and keeps cloud-init from writing the line again at boot"
 THERE = "{there}"  # any computer of a network
@@ -158,7 +172,13 @@ INTERFACES: Mapping[Key, Fault] = {
     ("neighbour", "mute"): Fault(
         "RF-221",
         "{place} answers nobody who asks for its hardware address: a packet filter for ARP, or arp_ignore",
-        do=(on("sysctl -w net.ipv4.conf.all.arp_ignore=3", "the planned value"),),
+        # site.yml leaves an 8 of the user's, with which the kernel answers nobody.
+        do=(
+            keep_settings("arp", {"net.ipv4.conf.all.arp_ignore": 3}),
+            hand(
+                "if the interface of {place} with its planned address has arp_ignore 8, set that to 0, too: the larger value counts"
+            ),
+        ),
         look=(on("sysctl -a --pattern arp_ignore; nft list ruleset arp; arptables-save"),),
         cost=3.5,
         why="few know that it can be filtered",

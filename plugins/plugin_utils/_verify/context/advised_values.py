@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from typing import NamedTuple
 
 from ..._base import advice
 from ..._plan.model import COMMON
@@ -15,10 +17,10 @@ from .check_context import FleetState
 
 def name_values(component: Component, state: FleetState) -> Mapping[str, str]:
     """Return the known values, by the words of `_faults.fault.UNREAD`; an advice keeps the placeholder of a word that is left out."""
-    found: Mapping[str, str] = _name_members(component.place, state)
+    found: Mapping[str, str] = {**_name_members(component.place, state), **_name_registrations(component, state)}
     if component.place in state.run:
         group = str(state.fleet.multicast_group)
-        found = {**_name_neighbour(component, state), "beyond": _find_beyond(component, state), "group": group}
+        found = {**found, **_name_neighbour(component, state), "beyond": _find_beyond(component, state), "group": group}
     return {word: text for word, text in found.items() if text}
 
 
@@ -66,3 +68,57 @@ def _name_members(network: str, state: FleetState) -> Mapping[str, str]:
         return {}
     addresses = state.ways.discovery_addresses if network == COMMON else state.ways.addresses
     return {"there": names[0], "other": addresses[names[1]] if len(names) > 1 else ""}
+
+
+class _Names(NamedTuple):
+    """A word of an advice for names that roscores hold, and the names for it: the first few that have the form."""
+
+    word: str
+    form: str  # of advice.FORMS
+    find: Callable[[Component, Sequence[str], FleetState], Iterable[str]]  # also of robots whose roscores were read
+    most: int = 1  # as many as the command takes
+
+
+def _list_topics(component: Component, _robots: Sequence[str], _state: FleetState) -> Iterable[str]:
+    """List the first topic of a component, whose text is a topic, or a list of topics, or of sentences that begin with one."""
+    return [component.what.partition(" ")[0].rstrip(",")]
+
+
+def _list_types(component: Component, robots: Sequence[str], state: FleetState) -> Iterable[str]:
+    (topic,) = _list_topics(component, robots, state)
+    return (state.exchanges.robots[robot].sums.get(topic, ("", ""))[0] for robot in robots)
+
+
+def _list_linked_nodes(component: Component, robots: Sequence[str], state: FleetState) -> Iterator[str]:
+    """List the nodes at both ends of connections between the robots. For an end that no roscore knows there is a URI."""
+    for one in state.run.values():
+        if one.is_probed and one.plan.is_master and one.plan.robot in robots:
+            for other in set(component.places) - {one.plan.robot}:
+                for link in state.exchanges.find_crossing_links(one.probe.exchange.connections, one.plan.robot, other):
+                    yield from (link.node, link.peer)
+
+
+def _list_bridges(_component: Component, robots: Sequence[str], state: FleetState) -> Iterable[str]:
+    return state.exchanges.find_bridges(robots)
+
+
+MOST_NODES = 4
+TOPIC = _Names("topic", "graph", _list_topics)
+#: kind and mode of a fault between roscores -> the names for its commands
+NAMES: Mapping[tuple[str, str], tuple[_Names, ...]] = {
+    ("messages", "differ"): (TOPIC, _Names("type", "type", _list_types)),
+    ("registration", "link"): (_Names("nodes", "graph", _list_linked_nodes, MOST_NODES),),
+    ("topic", "shared"): (TOPIC,),
+    ("topic", "circle"): (_Names("nodes", "graph", _list_bridges, MOST_NODES),),
+}
+
+
+def _name_registrations(component: Component, state: FleetState) -> Mapping[str, str]:
+    """Name what the roscores hold of a fault between them. Any program may have chosen these names, so each has its form."""
+    robots = [robot for robot in component.places if robot in state.exchanges.robots]
+    values = {}
+    for names in NAMES.get((component.kind, component.mode), ()):
+        found = dict.fromkeys(names.find(component, robots, state))
+        texts = filter(None, (advice.format_value(names.form, name) for name in found))
+        values[names.word] = " ".join(islice(texts, names.most))
+    return values

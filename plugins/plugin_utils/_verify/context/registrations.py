@@ -293,6 +293,18 @@ class Exchanges:
             else []
         )
 
+    def find_bridges(self, robots: Collection[str]) -> list[str]:
+        """List the nodes of ros1_bridge that have a topic which nodes of ros1_bridge have on all of these robots."""
+        topics = frozenset.intersection(*(self._bridged[robot] for robot in robots)) if robots else frozenset()
+        return sorted(
+            {
+                item.node
+                for robot in robots
+                for item in self.robots[robot].own
+                if item.name in topics and _BRIDGE.fullmatch(item.node)
+            }
+        )
+
     def _find_clash(self, key: tuple[str, str], source: str, target: str) -> Clash | None:
         if not self._passes(key, source, target) or not (other := self._find_holder(key, source, target)):
             return None

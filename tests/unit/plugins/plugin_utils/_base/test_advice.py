@@ -29,6 +29,8 @@ GOOD = {
     "route": ["blackhole 1.2.3.0/24 table 7", "prohibit default"],
     "rule": ["priority 5 from all to 1.2.3.4 table 7", "priority 5 from all to 1.2.3.4 unreachable"],
     "chain": ["inet filter input", "ip filter ufw-user-input"],
+    "graph": ["/cmd_vel", "/kobuki1/talker_17_1700000000"],
+    "type": ["std_msgs/String", "actionlib_msgs/GoalID"],
     "what": ["multimaster-sync.service", "http://robot1:11311/", "robot1", "net.ipv4.ip_forward"],
 }
 PARTS = (
