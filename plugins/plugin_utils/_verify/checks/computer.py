@@ -50,7 +50,7 @@ def _reachable_needs(context: CheckContext) -> Components:
 
 
 def _reachable_suspects(context: CheckContext) -> Components:
-    """The controller may be on the other side of the gateway, or not."""
+    """List the suspects on both ways to the controller, which may be in the robot's network, or beyond its gateway."""
     name, plan = context.observer.name, context.observer.plan
     components = _reachable_needs(context) | make_components("interface", name, "address", "prefix")
     for network in [context.ways.network(plan.robot)] + ([COMMON] if plan.common_address else []):
@@ -85,7 +85,7 @@ def _has_services(context: CheckContext) -> bool:
 
 
 def _is_full(entry: ServiceState) -> bool:
-    """Its process may open no file more, or one: it takes no connection, and its kernel does (accept(2), EMFILE)."""
+    """Return True if the process of a service may open one more file at most: it takes no connection, although its kernel does (accept(2), EMFILE)."""
     return entry.open_files is not None and entry.most_files is not None and entry.most_files - entry.open_files <= 1
 
 

@@ -26,7 +26,7 @@ from .hooks import CheckHooks
 LOSS = 0.05
 
 
-# Who has joined the group: also of nodes that a person started by hand; their parameters are not known
+# The interfaces that have joined the group: also by nodes that a person started by hand, whose parameters are not known
 
 ALL_HOSTS = "224.0.0.1"  # every kernel has joined it
 
@@ -140,10 +140,9 @@ def _is_translated(context: CheckContext) -> bool:
 def _unicast_needs(context: CheckContext) -> Components:
     one, other = context.observer.name, context.target
     there = needs.passes(one, other, "udp") | make_components("computer", other, "unmeasured", "login")
-    nobody_asks = needs.neighbours(context, other, one) - needs.neighbours(
-        context, one, other
-    )  # a datagram gets no answer
-    return needs.way(context, one, other) - nobody_asks | there | _outside(context)
+    # A datagram gets no answer, so the ARP questions of the way back are not asked.
+    only_back = needs.neighbours(context, other, one) - needs.neighbours(context, one, other)
+    return needs.way(context, one, other) - only_back | there | _outside(context)
 
 
 @Check(
@@ -239,7 +238,7 @@ def _connect_outcome(context: CheckContext) -> Outcome:
 
 
 def _outside(context: CheckContext) -> Components:
-    """A computer's own gateway is asked at its other side, which has its discovery node."""
+    """List the route that a computer needs to the discovery node of its own gateway: the node is at the gateway's outer address."""
     own, planned = context.own, context.planned
     if own is None or planned is None or own.robot != planned.robot or own.name == planned.name:
         return frozenset()
@@ -253,11 +252,11 @@ def _port_needs(context: CheckContext) -> Components:
 
 
 def _port_suspects(context: CheckContext) -> Components:
-    """A computer that is silent would refuse if no program listened on the port."""
-    # One for all interfaces also drops a computer's own packets.
+    """List the suspects of a port that does not open. With no program on the port, the computer would refuse instead of being silent."""
+    # A filter for all interfaces also drops a computer's own packets.
     filtered = make_components("filter", context.target, "rpc in", "rpc", "all in", "all")
-    nobody = make_components("discovery", context.target, "dead", "port")
-    return _port_needs(context) - nobody | make_components("discovery", context.target, "hung") | filtered
+    unused = make_components("discovery", context.target, "dead", "port")
+    return _port_needs(context) - unused | make_components("discovery", context.target, "hung") | filtered
 
 
 def _find_port_fault(context: CheckContext) -> Components:
@@ -355,6 +354,7 @@ def _judge_master_route(context: CheckContext) -> Judgement | None:
 
 
 def _outer(context: CheckContext) -> IPv4Address:
+    """The address at which the target is discovered; if it is no member, an address that no computer has."""
     return context.planned.discovery_address if context.planned else context.fleet.common_network.network_address
 
 

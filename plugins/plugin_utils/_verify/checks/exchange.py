@@ -23,9 +23,8 @@ from .programs import find_full
 from .relay import find_broken_relay
 
 NAMED = 4  # registrations, names or connections that a finding names
-MOST_COMPONENTS = (
-    100  # names or topics of two robots that are components: hostile ones may have a hundred thousand in common
-)
+# Components of one row: two hostile robots may have a hundred thousand names in common.
+MOST_COMPONENTS = 100
 
 
 # Hosts of nodes
@@ -67,7 +66,7 @@ def _judge_node_roscores(context: CheckContext) -> Judgement:
 
 # Registered nodes
 
-BUSY = 3.0  # times that everything takes longer on a computer than if it were idle, from which on a node may wait for a processor
+BUSY = 3.0  # on a computer that is so many times as slow as if it were idle, a silent node may wait for a processor
 OWN_NODES = {
     "/master_discovery": "discovery",
     "/master_sync": "sync",
@@ -77,7 +76,10 @@ OWN_NODES = {
 
 
 def _silent_suspects(context: CheckContext) -> Components:
-    """The nodes ended, or their computer is not reached. From a computer of the fleet a port that is gone refuses."""
+    """Suspect that the nodes have ended, or that their computers are not reached.
+
+    A computer of the fleet refuses a port on which no program listens. So silence there does not show that a node has ended.
+    """
     one = context.observer.name
     silences = context.exchange.silences if context.exchange else ()
     of_robot = {member.name for member in context.fleet.members if member.robot == context.observer.plan.robot}
@@ -94,7 +96,10 @@ def _silent_suspects(context: CheckContext) -> Components:
 
 
 def _find_silent_components(context: CheckContext, exchange: Exchange) -> Components:
-    """The collection's own nodes hang, or those of fkie_mas; services that do not run have a check of their own."""
+    """Find the components that the silence of nodes shows: hung nodes of the collection or of fkie_mas, the relay, talkers, nodes of people.
+
+    Services that do not run have a check of their own.
+    """
     nodes = join_components(
         _blame_silence(context, kind, context.observer.name)
         for node, kind in OWN_NODES.items()
@@ -111,7 +116,10 @@ def _find_silent_components(context: CheckContext, exchange: Exchange) -> Compon
 
 
 def _blame_silence(context: CheckContext, kind: str, computer: str, what: str = "") -> Components:
-    """A node that takes connections and does not answer hangs; on a busy computer it may wait for a processor, if no process is stopped there."""
+    """Name the reason for a node that takes connections and does not answer: a process with too many files, a busy computer, or a hung node.
+
+    `kind` and `what` are those of the component of a hung node. A computer is no reason if a process is stopped there.
+    """
     there = context.run.get(computer)
     if there is not None and what and (full := find_full(there.probe, what, computer)):
         return full
@@ -148,9 +156,8 @@ def _is_heard(context: CheckContext, computer: str) -> bool:
 
 def _has_ended(context: CheckContext, entry: SilentNode) -> bool:
     """Return True if a node has ended: its computer refuses the connection, and no packet filter does."""
-    filtered = context.state.filters.find_drop(
-        context.observer.name, context.ways.name_at(entry.host) or entry.host, "nodes"
-    )
+    computer = context.ways.name_at(entry.host) or entry.host
+    filtered = context.state.filters.find_drop(context.observer.name, computer, "nodes", entry.port)
     return entry.outcome == Outcome.REFUSED and filtered is None
 
 
@@ -290,7 +297,7 @@ def _judge_types(context: CheckContext) -> Judgement | None:
 
 
 def _list_sharers(shared: Iterable[Clash]) -> Components:
-    """One finding for two robots, whoever hears both of them."""
+    """List one component for each two robots that publish the same topics, whichever robot hears both of them."""
     topics: dict[tuple[str, str], list[str]] = defaultdict(list)
     for clash in shared:
         topics[clash.robots].append(clash.name)
@@ -345,7 +352,7 @@ def _flow_suspects(context: CheckContext) -> Components:
 def _find_flow_faults(
     context: CheckContext, missing: Sequence[RegisteredItem], superfluous: Sequence[RegisteredItem]
 ) -> Components:
-    """Superfluous registrations come from parameters of the sync node."""
+    """Find the components to which a wrong flow points; superfluous registrations come from parameters of the sync node."""
     own, its = context.robots
     observer = context.observer.name
     if superfluous:
@@ -437,7 +444,7 @@ def _compare_copies(context: CheckContext) -> dict[str, str] | None:
 
 
 def _find_copy_faults(context: CheckContext, wrong: Collection[str]) -> Components:
-    """A copy that differs shows itself. One that is not there may be missing with all the rest, since sync does not work."""
+    """Find the fault of copies: none if copies and registrations are missing alike, since then the sync node is at fault."""
     own, its = context.robots
     is_read = context.exchange is not None and not context.exchange.error
     if (

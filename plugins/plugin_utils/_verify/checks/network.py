@@ -18,7 +18,7 @@ from .engine import FAILED, ITSELF_TOO, MEMBER, OK, WARNING, Check, Judgement, j
 
 LOST = 0.2  # of the pings to one computer: in a wireless network some are always lost, and few are sent
 
-# Whose an address is
+# The computer that has an address
 
 
 def _find_duplicates(context: CheckContext) -> dict[str, list[str]]:
@@ -38,7 +38,7 @@ def _find_duplicates(context: CheckContext) -> dict[str, list[str]]:
 
 
 def _duplicate_needs(context: CheckContext) -> Components:
-    """A computer that gets no ARP answer for its own address is the only one with it, for all observers."""
+    """List the duplicates that are ruled out: a computer that gets no ARP answer for its own address is the only one with it, for all observers."""
     name = context.observer.name
     return make_components("interface", name, "duplicate") | join_components(
         make_components("interface", name, "duplicate", what=other)
@@ -337,7 +337,7 @@ def _judge_neighbour(context: CheckContext) -> Judgement | None:
     return Judgement(WARNING, expected, f"it is at {seen}", components)  # a proxy may answer for it
 
 
-# Whether a neighbour answers, whatever its packet filters drop
+# The answers of a neighbour to ARP, whatever its packet filters for IP drop
 
 
 @Check(

@@ -91,14 +91,19 @@ def _comment_out_settings(computer: Participant, components: Sequence[Component]
 
 
 def _drop_ins(computer: Participant, _components: Sequence[Component], _state: FleetState) -> Commands:
-    """Drop-in files that set variables are set aside; nodes are registered at the roscore, so all of them start again."""
-    services = computer.probe.services
+    """Drop-in files that set variables are set aside, and their units start again.
+
+    Nodes are registered at the roscore, so a drop-in of one of them has all of them start again.
+    """
+    changed = [entry for entry in computer.probe.services if entry.drop_ins]
     moves = [
         advice.command("mv {} {}.off", ("drop-in", path), ("drop-in", path))
-        for entry in services
+        for entry in changed
         for path in entry.drop_ins
     ]
-    units = [("unit", entry.unit) for entry in services if entry.name in ROS]
+    nodes = ROS if any(entry.name in ROS for entry in changed) else ()
+    started = [entry for entry in computer.probe.services if entry in changed or entry.name in nodes]
+    units = [("unit", entry.unit) for entry in started]
     restart = advice.command(" ".join(["systemctl restart", *("{}" for _unit in units)]), *units)
     if any(moves) and restart:
         yield from [*moves, "systemctl daemon-reload", restart]
@@ -275,7 +280,7 @@ def _list_answers(observer: Participant, address: str) -> Iterator[str]:
 
 
 def _part_from_address(mac: str, holder: str, address: str, state: FleetState) -> str:
-    """Say how who answers for an address of another computer stops it; `holder` is empty outside the fleet."""
+    """Say how a computer stops answering for the address of another one; `holder` is its name, empty outside the fleet."""
     if holder and not any(address in entry.addresses for entry in state.run[holder].interfaces):
         return f"end proxy_arp on {holder}: it answers for {address}, and does not have that address"
     named = holder or f"the computer with the hardware address {mac}"

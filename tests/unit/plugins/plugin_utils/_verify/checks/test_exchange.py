@@ -12,6 +12,9 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
     CrossingParameter,
+    FilterChain,
+    FilterChains,
+    FilterRule,
     GivenTopics,
     Import,
     NodeConnection,
@@ -523,6 +526,22 @@ def test_a_node_behind_a_filter_that_its_own_roscore_does_not_reach_either_is_na
 
     (finding,) = diagnosed(change, fig12()).findings
     assert finding.component[:3] == ("node", "tibi-nav", "fenced") and "/odom_pub" in finding.sentence()
+
+
+@pytest.mark.parametrize(
+    ("ports", "named"),
+    [((41233, 41233), ("filter", "tibi-nav", "nodes in")), ((9, 9), ("registration", "tibi-visio", "ghost"))],
+)
+def test_a_node_whose_port_a_packet_filter_refuses_has_not_ended(ports, named):
+    def change(seen):
+        silence = SilentNode("/odom_pub", "tibi-nav", "Connection refused", Outcome.REFUSED, Outcome.REFUSED, 41233)
+        update(seen["tibi-visio"].probe.exchange, silent=("/odom_pub",), silences=(silence,))
+        rule = FilterRule("reject", protocol="tcp", ports=ports, chain="input")
+        chain = FilterChain("input", "inet own", "accept", (rule,), 0)
+        update(seen["tibi-nav"], filters=FilterChains(True, (chain,)))
+
+    (finding,) = diagnosed(change, fig12()).findings
+    assert finding.component[:3] == named
 
 
 def test_a_node_that_refuses_has_ended_and_is_told_at_its_own_roscore():

@@ -63,6 +63,13 @@ def dropped(*files):
     return lambda probe: update(probe, services=tuple(units))
 
 
+def dropped_of_routing(probe):
+    """A drop-in of a unit that is no node of ROS, on a computer without such nodes."""
+    file = "/etc/systemd/system/multimaster-multicast-routing.service.d/a.conf"
+    name = "multicast-routing"
+    update(probe, services=(ServiceState(name, f"multimaster-{name}.service", differing=("LANG",), drop_ins=(file,)),))
+
+
 def interface(**values):
     return lambda probe: update(probe.forwarding.interfaces[0], **values)
 
@@ -118,6 +125,13 @@ def interface(**values):
             ("environment", "service", ""),
             "mv /run/systemd/system/multimaster-sync.service.d/a.conf /run/systemd/system/multimaster-sync.service.d/a.conf.off; "
             "systemctl daemon-reload; systemctl restart multimaster-discovery.service multimaster-sync.service",
+        ),
+        (
+            dropped_of_routing,
+            ("environment", "service", ""),
+            "mv /etc/systemd/system/multimaster-multicast-routing.service.d/a.conf "
+            "/etc/systemd/system/multimaster-multicast-routing.service.d/a.conf.off; "
+            "systemctl daemon-reload; systemctl restart multimaster-multicast-routing.service",
         ),
         (dropped("/etc/passwd.conf"), ("environment", "service", ""), ""),
         (dropped("/etc/systemd/system/a.conf;reboot.conf"), ("environment", "service", ""), ""),
