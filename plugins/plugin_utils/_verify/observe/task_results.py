@@ -40,7 +40,7 @@ FORMS = {
         r"success|watchdog|oom-kill|signal|core-dump|exit-code|timeout|protocol|resources|start-limit-hit|exec-condition"
     ),
     "load_state": re.compile(r"loaded|error|masked|not-found|bad-setting|merged|stub"),
-    "state": re.compile(r"up|down|unknown|dormant|testing|lowerlayerdown|notpresent|new|established"),
+    "state": re.compile(r"up|down|unknown|dormant|testing|lowerlayerdown|notpresent|new|answer|established"),
     "direction": re.compile(r"in|out"),
     "kind": re.compile(r"[a-z]+"),
     "about": re.compile(
@@ -60,9 +60,10 @@ FORMS = {
     "host": re.compile(r"localhost"),
     "source": re.compile(r"hostname"),
     "starter": re.compile(r"shell|unit|launch|container"),
-    "hook": re.compile(r"input|forward|output"),
+    "hook": re.compile(r"input|forward|output|postrouting"),
     "policy": re.compile(r"accept|drop"),
-    "verdict": re.compile(r"accept|drop|reject"),
+    "verdict": re.compile(r"accept|drop|reject|masquerade"),
+    "service": re.compile(r"chrony|systemd-timesyncd|ntpd"),
     "protocol": re.compile(r"tcp|udp|icmp|igmp|arp"),
     "counter": re.compile(
         r"[A-Z][A-Za-z]{2,40}|conntrack [a-z_]+|drop reason [A-Z][A-Z0-9_]{1,60}|[a-z0-9]+ (errors|drops) (in|out)"

@@ -3,7 +3,12 @@
 
 """Registered results are read as observations."""
 
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import task_results
+import re
+
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.facts import read_rules
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import ANSWER, IN, MASQUERADE, NAT
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations, task_results
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Multicast,
     Observation,
@@ -77,6 +82,40 @@ def test_each_outcome_of_the_contract_stands_without_quotes():
     assert not seen.problem and seen.probe.exchange.types_outcome == Outcome.NO_ANSWER
     assert seen.probe.relays[0].data_outcome == Outcome.OPEN
     assert seen.probe.relays[0].crossing[0].there == Outcome.ANSWERED
+
+
+def test_each_word_of_the_contract_stands_without_quotes():
+    """The checks compare these words. In quotes they are no such words, and a hook in quotes costs all rules of its computer."""
+    kinds = [getattr(observations, name) for name in observations.__all__]
+    described = [(name, field.text) for kind in kinds for name, field in getattr(kind, "FIELDS", {}).items()]
+    words = [(name, word) for name, text in described for word in re.findall(r"V\(([a-z][a-z_-]*)\)", text)]
+    assert {("hook", "postrouting"), ("verdict", "masquerade"), ("state", "answer"), ("service", "chrony")} <= {*words}
+    assert [one for one in words if task_results.quote_texts({one[0]: one[1]}) != {one[0]: one[1]}] == []
+
+
+def test_the_rules_of_a_computer_that_masquerades_and_follows_connections_are_read():
+    passing = {"verdict": "accept", "state": "answer", "chain": "INPUT"}
+    chains = [
+        {"hook": "input", "table": "ip filter", "policy": "drop", "rules": [passing], "unread": 0, "chain": "INPUT"},
+        {
+            "hook": "postrouting",
+            "table": "ip nat",
+            "policy": "accept",
+            "rules": [{"verdict": "masquerade", "leaving": "eth0", "chain": "POSTROUTING"}],
+            "unread": 0,
+            "chain": "POSTROUTING",
+        },
+    ]
+    variables = {"verify_machine": {"filters": {"readable": True, "chains": chains, "arp": []}}}
+    tasks = {"multicast": "", "probe": "", "earlier": [], "machine": "verify_machine"}
+    seen = task_results.read_observation("kobuki1computer", variables, tasks)
+    rules, unclear = read_rules(map(to_plain, seen.filters.chains))
+    assert [(rule.chain, rule.verdict, rule.state) for rule in rules] == [
+        (IN, "accept", ANSWER),
+        (IN, "drop", ""),
+        (NAT, MASQUERADE, ""),
+    ]
+    assert not unclear
 
 
 def test_an_answer_of_strangers_costs_one_computer_its_result():
