@@ -4,7 +4,7 @@
 """The world as a verification has read it, with the faults in it that values show. Pure.
 
 The machines of the plan get the interfaces, rules and closed routes that were read on the computers, and the known faults. Packets that
-the fleet sends ends in this world, too, if one of these faults is the reason.
+the fleet sends end in this world, too, if one of these faults is the reason.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ class _Cover:
     def score(self, component: Component, numbers: Set[int] | None = None) -> float:
         """Weigh a component by the open failures that it explains, or by some numbers.
 
-        Successes that need it clear a component that lets nothing pass. A different component is worth its share of failures.
+        Successes that need it clear a `hard` component, which lets nothing pass. Any other one is worth its share: failures of all results.
         """
         if component not in self.counted:
             self.counted[component] = self.passed(component)
@@ -123,7 +123,10 @@ class _Cover:
         return component.fault.cost + (self.doubts.get(component) or 0.0)
 
     def equals(self, best: Component, numbers: Set[int]) -> list[Component]:
-        """List the components that explain the same failures nearly as well as the best one, and better ones before."""
+        """List the components that explain all of these failures nearly as well as the one with the best score, which is the first.
+
+        With equal scores, `best` is the first. Of components that are one for a person, only the first is listed.
+        """
         shared = frozenset.intersection(*(frozenset(self.failures[number].suspects) for number in numbers))
         scores = {component: self.score(component, numbers) for component in shared & self.covers.keys()}
         limit = max(scores.values()) - MARGIN

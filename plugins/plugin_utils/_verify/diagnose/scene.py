@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The state of a diagnosis: the rows that nothing explains yet, the findings so far, and the words of successes and values on a component.
+"""The state of a diagnosis: the rows that no finding explains yet, the findings so far, and the evidence of successes and values on a component.
 
 The rules of rules.py change it, in their order. It knows none of them.
 """
@@ -119,6 +119,7 @@ class Scene:
         return sign is not None and sign.kind == "reverse_path" and self.is_cleared(sign)
 
     def is_cleared(self, component: Component) -> bool:
+        """Return True if a check of a single computer succeeded that needs the component, at one of its places."""
         return any(self.count_needs(place, place)[component] for place in component.places)
 
     def is_possible(self, component: Component) -> bool:

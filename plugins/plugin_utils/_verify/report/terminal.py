@@ -118,7 +118,8 @@ def _findings(findings: Sequence[Finding], heading: str, numbers: Iterator[int],
     if not findings:
         return []
     lines = [f"{heading}:"]
-    for entry, number in zip(findings[:SENTENCES], numbers, strict=False):
+    numbered = list(zip(findings, numbers, strict=False))  # as in the file, also behind those that are not printed
+    for entry, number in numbered[:SENTENCES]:
         lines += [_wrap(label.format(number=number), text, width) for label, text in _finding(entry) if text]
     if len(findings) > SENTENCES:
         lines.append(f"  and {len(findings) - SENTENCES} more: all are in the file that verify_report names.")

@@ -137,18 +137,18 @@ def _has_own_error(place: LossPlace, _packets: SeenPackets) -> bool:
 
 
 def _began_short(place: LossPlace, _packets: SeenPackets) -> bool:
-    """Return True if a router reports that a packet lived too long which began with a short life."""
+    """Return True if a router reports that the life of a packet was used up, and its sender gave it a short one (`first_ttl`)."""
     exceeded = place.last is not None and place.last.icmp_type == EXCEEDED
     return exceeded and 0 < place.first_ttl < SHORT
 
 
 def _ends_life(place: LossPlace, _packets: SeenPackets) -> bool:
-    """Return True if a packet came in with the last second of its life."""
+    """Return True if a packet came in with a time to live of 1, so that no router passes it on."""
     return place.last is not None and not place.last.outgoing and place.last.ttl == 1
 
 
 def _list_counted(place: LossPlace, packets: SeenPackets) -> list[str]:
-    """List the counters that have grown by all packets of the probe; one that has counted some counts foreign ones."""
+    """List the counters that have grown by at least as many packets as were seen at the place; a smaller count is that of foreign packets."""
     return [one.counter for one in packets.counters if one.more >= max(1, place.times)]
 
 

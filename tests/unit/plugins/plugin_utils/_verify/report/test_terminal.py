@@ -4,6 +4,7 @@
 """The report for the terminal."""
 
 import pathlib
+import re
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import (
     FAILED,
@@ -140,6 +141,16 @@ def test_large_fleets_stay_readable():
     assert "from / to" not in text
     assert "ping by address (99) fail" in text and "and 20 more: all are in the file" in text
     assert len(text.splitlines()) < 150 and max(map(len, text.splitlines())) <= 120
+
+
+def test_a_finding_has_the_number_of_the_report_also_behind_many_others():
+    rows = tuple(Row("ping_address", f"kobuki{number}computer", TWO, FAILED, "", "") for number in range(25))
+    failed = [Finding(Component("computer", row.observer, "off"), rows=(row,)) for row in rows]
+    warned = Row("mtu", ONE, ONE, WARNING, "", "")
+    diagnosis = Diagnosis((*failed, Finding(Component("interface", ONE, "mtu"), rows=(warned,), verdict=WARNING)))
+    text = render(summarise([*rows, warned], [ONE, TWO], 2), diagnosis)
+    numbers = re.findall(r"^ *([0-9]+)\. ", text, re.MULTILINE)
+    assert numbers == [*map(str, range(1, 21)), "26"]
 
 
 def test_without_the_table_only_what_is_wrong_is_told():
