@@ -154,10 +154,9 @@ def describe_full(entry: FullProcess) -> str:
 def find_full(probe: Probe, node: str, computer: str) -> Components:
     """Find the process of a node among those that have all of their files open, by its name or that of its program; no other one counts."""
     own = node.rpartition("/")[2]
+    names = {one: one.name.strip('"').removesuffix(".py") for one in probe.full_processes}
     # An anonymous node has numbers after its name.
-    full = (
-        one for one in probe.full_processes if re.fullmatch(re.escape(one.name.removesuffix(".py")) + r"(_\d+)*", own)
-    )
+    full = (one for one, name in names.items() if re.fullmatch(re.escape(name) + r"(_\d+)*", own))
     return join_components(make_components("program", computer, "full", what=describe_full(one)) for one in full)
 
 

@@ -231,7 +231,7 @@ def _find_process(
         if row.port in process.ports and process.host == row.host and (process.master or not anywhere):
             return computer, process
     name = row.node.rpartition("/")[2]
-    unread = [one for one in processes if not one[1].readable and one[1].node in (name, row.node)]
+    unread = [one for one in processes if not one[1].readable and one[1].node.strip('"') in (name, row.node)]
     return unread[0] if len(unread) == 1 and not anywhere else None
 
 

@@ -53,7 +53,9 @@ FORMS = {
     "roscore": re.compile(r"open"),
     "tcp": re.compile(r"refused"),
     **dict.fromkeys(list_outcome_keys(), re.compile("|".join(word.value for word in Outcome))),
-    "name_sources": re.compile(r"files|dns|resolve|myhostname|mymachines|compat|nis|wins"),
+    "name_sources": re.compile(r"files|dns|mdns|resolve|myhostname|mymachines|compat|nis|ldap|wins"),
+    "name": re.compile(r"interface"),  # a parameter of master_discovery
+    "type": re.compile(r"\*|None"),  # of a topic, if the master does not know it
     "destination": re.compile(r"default"),
     **dict.fromkeys(("device", "interface", "incoming", "leaving"), re.compile(r"lo")),
     **dict.fromkeys(("found", "expected"), re.compile(r"up|down|active|inactive|failed")),

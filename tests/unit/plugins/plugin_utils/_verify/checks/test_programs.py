@@ -5,6 +5,7 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.programs import find_full
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     ContainerNames,
     Disk,
@@ -12,6 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     FullProcess,
     NodeParameters,
     ParameterDifference,
+    Probe,
     RegisteredTopic,
     SilentNode,
 )
@@ -177,3 +179,10 @@ def test_where_all_robots_are_simulated_all_is_well():
 def test_a_clock_that_nobody_publishes_is_named():
     told = diagnosed(lambda seen: _simulate(seen, ONE, TWO, clock=()))
     assert {(component[0], component[2]) for component in components(told)} == {("time", "stopped")}
+
+
+@pytest.mark.parametrize("name", ["camera", '"camera"', "camera.py", '"camera.py"'])
+def test_a_full_process_is_that_of_its_node_also_with_its_name_in_quotes(name):
+    probe = Probe(full_processes=(FullProcess(name, 4711, "robot.service", 1024, 1024),))
+    assert {one.mode for one in find_full(probe, "/robot/camera_17_42", ONE)} == {"full"}
+    assert not find_full(probe, "/robot/camera_front", ONE)

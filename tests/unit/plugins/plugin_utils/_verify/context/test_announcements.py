@@ -114,8 +114,9 @@ def test_services_elsewhere_are_told():
     assert f"announces {INNER}, and 127.0.0.1 for its services" in str(found)
 
 
-def test_a_process_that_cannot_be_read_is_found_by_its_name():
-    unread = NodeHost("", "", "docker-77.scope", (), "odom", starter="container", readable=False)
+@pytest.mark.parametrize("name", ["odom", '"odom"'])  # a name of letters alone comes in quotes
+def test_a_process_that_cannot_be_read_is_found_by_its_name(name):
+    unread = NodeHost("", "", "docker-77.scope", (), name, starter="container", readable=False)
     found, _strays = _find(AnnouncedHost(NODE, "10.9.8.7", PORT), (NODE,), {INNER: [unread]})
     assert (found.computer, found.process) == (INNER, unread) and " by " not in str(found)
 

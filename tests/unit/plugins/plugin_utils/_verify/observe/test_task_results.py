@@ -6,8 +6,11 @@
 import re
 
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.filters import UNKNOWN_TYPES
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.facts import read_rules
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import ANSWER, IN, MASQUERADE, NAT
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks import computer, programs
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.actual_world import DOWN
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations, task_results
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     Multicast,
@@ -91,6 +94,18 @@ def test_each_word_of_the_contract_stands_without_quotes():
     words = [(name, word) for name, text in described for word in re.findall(r"V\(([a-z][a-z_-]*)\)", text)]
     assert {("hook", "postrouting"), ("verdict", "masquerade"), ("state", "answer"), ("service", "chrony")} <= {*words}
     assert [one for one in words if task_results.quote_texts({one[0]: one[1]}) != {one[0]: one[1]}] == []
+
+
+COMPARED = [
+    *(("type", word) for word in UNKNOWN_TYPES),
+    *(("name", parameter) for _node, parameter in programs.DECIDES),
+    *(("name_sources", word) for word in (*computer.ASK_OTHERS, "files", "resolve")),
+    *(("state", word) for word in DOWN),
+]
+
+
+def test_each_word_that_a_check_compares_stands_without_quotes():
+    assert [one for one in COMPARED if task_results.quote_texts({one[0]: one[1]}) != {one[0]: one[1]}] == []
 
 
 def test_the_rules_of_a_computer_that_masquerades_and_follows_connections_are_read():
