@@ -23,6 +23,11 @@ import json, xmlrpc.client
 place = "http://{}:{}/".format(channel["hosts"][0], channel["port"])
 print(xmlrpc.client.ServerProxy(place).rosfleetOffers("station", "", 0.0)[1])
 """
+# A node that says its type when it starts. rostopic waits for the first publisher and takes its type, so no other one would differ.
+DRIVE = (
+    'python3 -c "import rospy, std_msgs.msg; rospy.init_node(\\"drive\\"); '
+    'rospy.Subscriber(\\"/cmd_vel\\", std_msgs.msg.String); rospy.spin()"'
+)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +38,7 @@ def lab(new_lab):
         assert status == 0, output
         found.start(ROBOT, "scan", "rostopic pub -r 5 /scan std_msgs/String here")
         found.start(ROBOT, "map", "rostopic pub -l /map std_msgs/String map")
-        found.start(ROBOT, "drive", "rostopic echo /cmd_vel")
+        found.start(ROBOT, "drive", DRIVE)
         wait_until(
             lambda: set(found.run(STATION, "rostopic list").split()) >= {"/kobuki1/scan", "/kobuki1/map"},
             60,
