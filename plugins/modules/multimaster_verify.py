@@ -629,6 +629,8 @@ node_hosts:
     master: {description: 'The URI of the roscore that it uses, if that is not the planned one; else empty.', type: str}
     starter: {description: 'Its starter, V(shell), V(unit), V(launch) for roslaunch, or V(container).', type: str}
     launch: {description: 'The name of the launch file, or empty.', type: str}
+    of_unit: {description: Whether its unit gives the variables that are not as planned; False if a script or a command line
+          of the unit does., type: bool}
     stopped: {description: Whether it is stopped by a signal or a debugger., type: bool}
     readable: {description: Whether its environment can be read; in some containers root may not., type: bool}
     apart: {description: 'Whether it is in a network of its own, as a container of a bridge is: its ports are not there on

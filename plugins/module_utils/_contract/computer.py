@@ -152,6 +152,10 @@ class NodeHost(Struct):
     master: str = field("The URI of the roscore that it uses, if that is not the planned one; else empty.", "")
     starter: str = field("Its starter, V(shell), V(unit), V(launch) for roslaunch, or V(container).", "shell")
     launch: str = field("The name of the launch file, or empty.", "")
+    of_unit: bool = field(
+        "Whether its unit gives the variables that are not as planned; False if a script or a command line of the unit does.",
+        False,
+    )
     stopped: bool = field("Whether it is stopped by a signal or a debugger.", False)
     readable: bool = field("Whether its environment can be read; in some containers root may not.", True, default=True)
     apart: bool = field(

@@ -14,7 +14,7 @@ import typing
 from urllib.parse import urlsplit
 
 from ..._base import processes
-from ..._base.commands import text
+from ..._base.commands import run, text
 from ..._base.plain_text import LONGEST, is_plain, plain
 from ..._machine import ports
 from .node_hosts import MOST, Members, Row, list_hosts
@@ -29,6 +29,7 @@ _VARIABLES = ("ROS_HOSTNAME", "ROS_IP")
 _STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  # who starts shells
 #: units of containers, of which some share the numbers of processes with the computer
 _CONTAINERS = re.compile(r"(?:docker|libpod|cri-containerd|crio|nerdctl|lxc|machine)-.*\.scope\Z")
+_FILES = re.compile(r"EnvironmentFiles=(/.*) \(ignore_errors=(?:yes|no)\)\Z")  # as systemctl shows one
 _OURS = re.compile(r"multimaster-[a-z-]+\.service\Z")  # checks of their own look at these
 
 
@@ -71,6 +72,11 @@ class Planned:
         """Return True if a URI leads to the planned roscore; True also if no roscore is planned, or if the URI cannot be read."""
         host, port = _read_place(uri)
         return not self._place or not host or (host in self._masters and port == self._port)
+
+    def list_wrong(self, host: str, source: str, master: str, master_source: str) -> typing.List[str]:
+        """List the variables or arguments that decide a host or a roscore which is not planned; a name of the computer is no variable."""
+        wrong = [source] if host and host.lower() not in self.hosts and source != "hostname" else []
+        return wrong if self.is_master(master) else [*wrong, master_source]
 
     def is_usual(self, host: str, master: str) -> bool:
         """Return True if a node with this announced host (empty: it announces no host) and this roscore is as planned."""
@@ -131,7 +137,7 @@ def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Opt
     if _OURS.match(unit):
         return None
     host, source = _find_host(arguments, variables, contained, pid, proc) if is_read else ("", "")
-    master = arguments.get("__master") or variables.get("ROS_MASTER_URI", "")
+    master, master_source = _find_master(arguments, variables)
     is_stopped, is_apart = processes.is_stopped(pid, proc), sockets.is_apart(pid)
     if is_read and not is_stopped and not is_apart and planned.is_usual(host, master):
         return None
@@ -139,6 +145,7 @@ def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Opt
     if is_read and not own_ports:
         return None
     starter, launch = _find_starter(pid, unit, contained, proc)
+    wrong = planned.list_wrong(host, source, master, master_source)
     return {
         "node": plain(arguments.get("__name") or os.path.basename(_find_program(words)), LONGEST),
         "host": plain(host.lower(), LONGEST),
@@ -147,6 +154,7 @@ def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Opt
         "unit": unit,
         "starter": starter,
         "launch": launch,
+        "of_unit": _is_of_unit(starter, unit, wrong),
         "ports": own_ports[:MOST],
         "stopped": is_stopped,
         "readable": is_read,
@@ -196,6 +204,12 @@ def _find_host(
     return (name, "hostname") if name else ("", "")
 
 
+def _find_master(arguments: typing.Dict[str, str], variables: typing.Dict[str, str]) -> typing.Tuple[str, str]:
+    """The URI of the roscore that a node uses, and the argument or variable that has decided it."""
+    given = arguments.get("__master")
+    return (given, "__master") if given else (variables.get("ROS_MASTER_URI", ""), "ROS_MASTER_URI")
+
+
 def _find_starter(pid: int, unit: str, contained: bool, proc: str) -> typing.Tuple[str, str]:
     """Return the starter of a process: container, launch, unit or shell; and the name of the launch file."""
     if contained or _CONTAINERS.match(unit):
@@ -217,3 +231,13 @@ def _find_launch_file(pid: int, proc: str) -> typing.Optional[str]:
             files = (os.path.basename(word) for word in words[2:] if word.endswith((".launch", ".xml")))
             return plain(next(files, ""), LONGEST)
     return None
+
+
+def _is_of_unit(starter: str, unit: str, names: typing.Sequence[str]) -> bool:
+    """Return True if a unit of the system gives all these variables itself, and no script that it starts; True for none."""
+    if starter != "unit" or not names:
+        return starter == "unit"
+    shown = run(["systemctl", "show", "--property=Environment", "--property=EnvironmentFiles", "--", unit]).text
+    files = [found.group(1) for found in map(_FILES.match, shown.splitlines()) if found]
+    given = "\n".join([shown, *(text(path, _MOST_WORDS) for path in files[:MOST])])
+    return all(re.search(rf"(?:^|[\s=\"']){name}=", given, re.MULTILINE) for name in names)

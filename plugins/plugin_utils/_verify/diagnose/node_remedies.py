@@ -78,8 +78,26 @@ def _describe_unit(one: Misplaced, computer: Participant) -> Advices:
         f"mkdir -p /etc/systemd/system/{{}}.d; printf '{lines}' > /etc/systemd/system/{{}}.d/rosfleet.conf; systemctl daemon-reload; "
         f"systemctl restart {{}}"
     )
+    if not one.process.of_unit:
+        return _describe_script(one, computer)
     made = advice.command(words, unit, unit, unit)
     return (Advice(computer.name, made, f"the unit has started {one.node}"),) if made else ()
+
+
+def _describe_script(one: Misplaced, computer: Participant) -> Advices:
+    """A script or command of the unit has the last word on its variables, so a drop-in file of the unit does not help."""
+    restart = advice.command("systemctl restart {}", ("unit", one.process.unit))
+    unit = one.process.unit if restart else "its unit"
+    words = f"take {_name_wrong(one)} out of the script or command that {unit} starts on {computer.name} (ExecStart), and begin it with: {PROFILE}"
+    again = (Advice(computer.name, restart, f"the unit has started {one.node}"),) if restart else ()
+    return (Advice(HANDS, words), *again)
+
+
+def _name_wrong(one: Misplaced) -> str:
+    """Name the variable or argument that is wrong, or those that may be."""
+    if one.mode in ("robot", "master"):
+        return "ROS_MASTER_URI"
+    return one.process.source if one.process.source in (*HOSTS, "__hostname", "__ip") else " and ".join(HOSTS)
 
 
 def _describe_launch(one: Misplaced, computer: Participant) -> Advices:

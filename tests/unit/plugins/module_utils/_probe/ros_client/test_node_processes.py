@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node_processes
 from namespaces import why_not
 
@@ -72,6 +73,39 @@ def test_without_a_variable_it_is_the_name_of_the_computer(monkeypatch):
     monkeypatch.setattr(node_processes.socket, "gethostname", lambda: "ubuntu")
     (row,) = _find(ROS)
     assert (row["host"], row["source"], row["starter"]) == ("ubuntu", "hostname", "shell")
+
+
+@pytest.mark.parametrize(
+    ("variables", "words", "shown", "expected"),
+    [
+        ({"ROS_IP": "127.0.0.1"}, (), "Environment=ROS_IP=127.0.0.1", True),
+        ({"ROS_IP": "127.0.0.1"}, (), 'Environment=PATH=/bin "NOTE=a b" ROS_IP=127.0.0.1', True),
+        ({"ROS_IP": "127.0.0.1"}, (), "Environment=OLD_ROS_IP=127.0.0.1 ROS_IP_OLD=1", False),
+        (
+            {"ROS_IP": "127.0.0.1"},
+            (),
+            "Environment=",
+            False,
+        ),  # a script of it does, or the unit is of a person's manager
+        ({"ROS_IP": "127.0.0.1"}, (), "Environment=\nEnvironmentFiles={file} (ignore_errors=yes)", True),
+        ({"ROS_HOSTNAME": "odd"}, (), "Environment=\nEnvironmentFiles={file} (ignore_errors=no)", False),
+        ({"ROS_IP": "127.0.0.1"}, ("__ip:=10.0.0.1",), "Environment=ROS_IP=127.0.0.1", False),
+        ({"ROS_IP": "127.0.0.1", "ROS_MASTER_URI": "http://odd:1"}, (), "Environment=ROS_IP=127.0.0.1", False),
+        ({}, (), "Environment=", True),  # it announces another name than the plan's, as no variable is there
+    ],
+)
+def test_who_gives_the_variables_of_a_unit_is_told(tmp_path, monkeypatch, variables, words, shown, expected):
+    (tmp_path / "robot").write_text("# ROS\nROS_IP=127.0.0.1\n")
+    asked = []
+
+    def show(argv):
+        asked.append(argv[-1])
+        return Answer(0, shown.format(file=tmp_path / "robot").encode(), "")
+
+    monkeypatch.setattr(node_processes, "run", show)
+    monkeypatch.setattr(node_processes, "_read_unit", lambda _pid, _proc: "odom.service")
+    (row,) = _find({**ROS, **variables}, *words)
+    assert (row["starter"], row["of_unit"], set(asked) <= {"odom.service"}) == ("unit", expected, True)
 
 
 @pytest.mark.skipif(bool(why_not()), reason=why_not())

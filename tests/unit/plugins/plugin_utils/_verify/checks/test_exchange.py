@@ -482,7 +482,8 @@ def test_a_node_that_does_not_answer_is_told_by_what_its_port_does(change, compo
 
 
 def test_a_process_with_a_roscore_of_no_robot_is_told():
-    process = NodeHost(TWO, "ROS_HOSTNAME", "odom.service", (4, 5), "odom", "http://old-pc:11311/", "unit")
+    unit = {"unit": "odom.service", "starter": "unit", "of_unit": True}
+    process = NodeHost(TWO, "ROS_HOSTNAME", ports=(4, 5), node="odom", master="http://old-pc:11311/", **unit)
     (finding,) = diagnosed(lambda seen: update(seen[TWO].probe, node_hosts=[process])).findings
     assert finding.component[:3] == ("node", TWO, "master") and finding.verdict == WARNING
     assert mentions(finding.sentence(), "roscore", "http://old-pc:11311/", "ROS_MASTER_URI", "odom.service")

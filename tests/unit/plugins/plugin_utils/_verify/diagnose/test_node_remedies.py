@@ -31,8 +31,15 @@ def _remedy(**process):
     [
         ({"starter": "shell"}, ["in the shell that", "(session-4.scope)", "unset ROS_IP; . /etc/profile.d/"]),
         (
-            {"starter": "unit", "unit": "odom.service"},
+            {"starter": "unit", "unit": "odom.service", "of_unit": True},
             [f"on {TWO}: mkdir", "UnsetEnvironment=ROS_IP", "systemctl restart odom.service"],
+        ),
+        (
+            {"starter": "unit", "unit": "odom.service"},
+            [
+                f"take ROS_IP out of the script or command that odom.service starts on {TWO}",
+                f"on {TWO}: systemctl restart odom.service",
+            ],
         ),
         ({"starter": "launch", "launch": "robot.launch"}, ["take ROS_IP out of robot.launch", "starts roslaunch"]),
         ({"starter": "container", "unit": "docker-77.scope"}, ["--network host", f"--env ROS_HOSTNAME={TWO}"]),
@@ -64,7 +71,8 @@ def test_the_line_that_sets_the_variable_is_named():
 
 @pytest.mark.parametrize("unit", ["x;reboot.service", "$(reboot).service"])
 def test_no_command_is_made_of_a_strange_unit(unit):
-    assert "reboot" not in _remedy(starter="unit", unit=unit)
+    assert "reboot" not in _remedy(starter="unit", unit=unit, of_unit=True)
+    assert "restart" not in _remedy(starter="unit", unit=unit)
 
 
 @pytest.mark.parametrize(
