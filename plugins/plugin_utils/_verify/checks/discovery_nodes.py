@@ -195,7 +195,17 @@ def _judge_source(context: CheckContext) -> Judgement | None:
     if not context.way.crosses and not arrived:
         return None  # in one network no gateway translates; a datagram that arrives clears the packet filters there
     expected = f"datagrams from {source} arrive there"
-    return Judgement(OK if arrived else WARNING, expected, "they arrive" if arrived else "none arrives")
+    if arrived:
+        return Judgement(OK, expected, "they arrive")
+    return Judgement(WARNING, expected, "none arrives", _find_masquerade(context))
+
+
+def _find_masquerade(context: CheckContext) -> Components:
+    """Find the translation on the way to the target that a rule shows and that is at work: its address has called there."""
+    one, other = context.observer.name, context.target
+    place = context.state.filters.find_translator(one, other)
+    active = needs.active_translations(context, one, other) if place else frozenset()
+    return frozenset(component for component in active if component.place == place)
 
 
 # Pings of the group

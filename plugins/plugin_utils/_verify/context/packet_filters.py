@@ -16,7 +16,7 @@ from ipaddress import IPv4Address
 
 from ..._base.plain import to_plain
 from ..._network import facts, packets, plan_world, policy
-from ..._network.model import FORWARD, IN, NO_WAY, OUT, Interface, Lookup, Machine, Packet, Rule, World
+from ..._network.model import FORWARD, IN, NAT, NO_WAY, OUT, Interface, Lookup, Machine, Packet, Rule, World
 from ..._plan.model import FleetPlan, Member
 from ..._predict.prediction import NODES
 from ..components.component import Component
@@ -52,6 +52,15 @@ class ReadFilters:
         """List the chains, as "family table chain", of the rule that was found for a component; none if a rule did not show it."""
         shown = self.rules.get(component) or self.rules.get(component._replace(what=""))
         return shown.origins if shown else ()
+
+    def find_translator(self, sender: str, target: str) -> str:
+        """Return the computer whose rules give the datagrams to the target another source; empty if none is known to."""
+        member = self._members.get(target)
+        if member is None or not {sender, target} <= self.world.machines.keys():
+            return ""
+        way = packets.trace(self.world, sender, self.make_packet(member, "udp"))
+        places = (place for place, _own, _source in way.translations)
+        return next((place for place in places if NAT not in self.world.machines[place].unclear), "")
 
     def _name_filter(self, rule: Rule, place: str, mode: str, what: str = "") -> Component:
         component = Component("filter", place, mode, what)

@@ -5,7 +5,11 @@
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, OK, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.evidence import INFERRED, SEEN
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
+    FilterChain,
+    FilterChains,
+    FilterRule,
     GroupMembership,
     MasterList,
     NodeParameters,
@@ -245,6 +249,25 @@ BETWEEN_NETWORKS = [
 @pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), BETWEEN_NETWORKS)
 def test_each_fault_between_networks_is_named(change, check, verdict, kind, place, mode):
     assert_told(change, check, verdict, kind, place, mode, fleet=fig12())
+
+
+@pytest.mark.parametrize(
+    ("rule", "unread", "sure"),
+    [
+        (FilterRule("masquerade", chain="post"), 0, SEEN),
+        (FilterRule("masquerade", sources=("192.168.11.0/24",), chain="post"), 0, SEEN),
+        (FilterRule("masquerade", sources=("172.17.0.0/16",), chain="post"), 0, INFERRED),  # as Docker's
+        (FilterRule("masquerade", chain="post"), 1, INFERRED),
+    ],
+)
+def test_a_rule_that_translates_is_seen(rule, unread, sure):
+    def change(seen):
+        _masquerading(seen)
+        chain = FilterChain("postrouting", "inet own", "accept", (rule,), unread, "post")
+        update(seen["tibi-visio"], filters=FilterChains(True, (chain,)))
+
+    (found,) = diagnosed(change, fig12()).findings
+    assert (found.component[:3], found.sure) == (("translation", "tibi-visio", "on"), sure)
 
 
 @pytest.mark.parametrize(
