@@ -41,7 +41,8 @@ class ServiceState(Struct):
         default=(),
     )
     drop_ins: typing.Tuple[str, ...] = field(
-        "The drop-in files of its unit that set variables. They are looked for if some variables differ.", []
+        "The drop-in files of its unit that set another command, or variables. The latter are looked for if some variables differ.",
+        [],
     )
     since: str = field(
         "C(StateChangeTimestamp) of systemd, the time of its last change of state, empty if it never ran.",

@@ -67,8 +67,8 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
         entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
             entry["differing"] = _read_changed(pid, variables)
-        if entry["differing"]:
-            entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if sets_environment(path)]
+        settings = (b"ExecStart", b"Environment") if entry["differing"] else (b"ExecStart",)
+        entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if has_setting(path, settings)]
         found.append(entry)
     return found
 
@@ -131,13 +131,13 @@ def count_files(
     return min(counted, key=lambda files: files[1] - files[0], default=(None, None))
 
 
-def sets_environment(path: str) -> bool:
-    """Return True if a drop-in file of a unit has variables; systemctl show writes a blank in a path otherwise, so it is not found."""
+def has_setting(path: str, names: typing.Tuple[bytes, ...]) -> bool:
+    """Return True if a drop-in file has one of these settings; systemctl show writes a blank in a path otherwise, so it is not found."""
     try:
         lines = read_regular(path, _MOST).splitlines()
     except OSError:
         return False
-    return any(line.lstrip().startswith(b"Environment") for line in lines)
+    return any(line.lstrip().startswith(names) for line in lines)
 
 
 def find_changed(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:

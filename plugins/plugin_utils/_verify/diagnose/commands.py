@@ -19,6 +19,7 @@ from ..._network.model import MASQUERADE
 from ..checks.programs import describe_full
 from ..components.component import Component
 from ..context.check_context import FleetState, Participant
+from ..observe.observations import ServiceState
 from .node_remedies import list_remedies
 from .onset import MAKERS
 
@@ -95,14 +96,22 @@ def _drop_ins(computer: Participant, _components: Sequence[Component], _state: F
 
     Nodes are registered at the roscore, so a drop-in of one of them has all of them start again.
     """
-    changed = [entry for entry in computer.probe.services if entry.drop_ins]
-    moves = [
-        advice.command("mv {} {}.off", ("drop-in", path), ("drop-in", path))
-        for entry in changed
-        for path in entry.drop_ins
-    ]
+    changed = [entry for entry in computer.probe.services if entry.drop_ins and entry.differing]
     nodes = ROS if any(entry.name in ROS for entry in changed) else ()
-    started = [entry for entry in computer.probe.services if entry in changed or entry.name in nodes]
+    return _set_aside(changed, [one for one in computer.probe.services if one in changed or one.name in nodes])
+
+
+def _drop_ins_of_node(computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
+    """Drop-in files of the node's own unit are set aside: one with another command gives it other parameters."""
+    names = {component.kind for component in components}
+    changed = [entry for entry in computer.probe.services if entry.drop_ins and entry.name in names]
+    return _set_aside(changed, changed)
+
+
+def _set_aside(changed: Iterable[ServiceState], started: Iterable[ServiceState]) -> Commands:
+    """Set the drop-in files of services aside, and start services again."""
+    paths = [("drop-in", path) for entry in changed for path in entry.drop_ins]
+    moves = [advice.command("mv {} {}.off", path, path) for path in paths]
     units = [("unit", entry.unit) for entry in started]
     restart = advice.command(" ".join(["systemctl restart", *("{}" for _unit in units)]), *units)
     if any(moves) and restart:
@@ -254,6 +263,7 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], F
     ("names", "several"): _comment_out_lines,
     ("boot", "sysctl"): _comment_out_settings,
     ("environment", "service"): _drop_ins,
+    **{(node, "configuration"): _drop_ins_of_node for node in ("discovery", "sync", "relay")},
     ("limit", "unit"): _limit_files,
     ("translation", "on"): _stop_translating,
     ("node", "hung"): _continue_nodes,

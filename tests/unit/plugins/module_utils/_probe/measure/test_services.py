@@ -30,14 +30,17 @@ def test_a_service_without_the_environment_file_is_the_same(monkeypatch, files, 
     assert services.services(["connections"], {"NOT_HERE": "1"})[0]["differing"] == differing
 
 
-def test_a_drop_in_file_with_other_variables_is_named(monkeypatch, tmp_path):
-    for name, text in (("a", "[Service]\n  EnvironmentFile=/run/one\n"), ("b", "[Service]\nNice=5\n")):
-        (tmp_path / f"{name}.conf").write_text(text)
-    paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abc")
+def test_a_drop_in_file_with_other_variables_or_another_command_is_named(monkeypatch, tmp_path):
+    texts = {"a": "  EnvironmentFile=/run/one\n", "b": "Nice=5\n", "d": "ExecStart=\nExecStart=/bin/other\n"}
+    for name, text in texts.items():
+        (tmp_path / f"{name}.conf").write_text(f"[Service]\n{text}")
+    paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abcd")
     seen = {"MainPID": str(os.getpid()), "EnvironmentFiles": "one", "DropInPaths": paths}
     monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
-    assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [str(tmp_path / "a.conf")]
-    assert services.services(["sync"], {})[0]["drop_ins"] == []
+    assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [
+        str(tmp_path / f"{name}.conf") for name in "ad"
+    ]
+    assert services.services(["sync"], {})[0]["drop_ins"] == [str(tmp_path / "d.conf")]  # which has another command
 
 
 HOLDS = """

@@ -22,6 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     RefusedName,
     RegisteredService,
     SilentNode,
+    TopicPublisher,
     UnreachedNode,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
@@ -100,6 +101,12 @@ def _not_followed(seen):
     update(seen[ONE].probe, sources=[*seen[ONE].probe.sources, source])
 
 
+def _heard_all_the_same(seen):
+    """The other robot has registered the subscriber, so its talker calls."""
+    _not_followed(seen)
+    update(of(seen[ONE].probe.topics, TWO, "computer"), publishers=[TopicPublisher("/talker", "")])
+
+
 def _refused(seen):
     _not_registered(seen)
     update(of(seen[ONE].probe.services, "sync"), refused=["/kobuki2/odom", "/other"])
@@ -176,6 +183,7 @@ FAULTS = [
     ),
     (_exchange_of(ONE, error="get_sync_info does not answer"), "flow", UNKNOWN, "sync", ONE, "untold"),
     (_not_followed, "flow", FAILED, "sync", ONE, "stale"),
+    (_heard_all_the_same, "direct_connection", FAILED, "sync", ONE, "stale"),
     (_not_registered, "flow", FAILED, "sync", ONE, "stale"),
     (_refused, "flow", FAILED, "sync", ONE, "refuses"),
     (_too_many, "flow", FAILED, "sync", ONE, "limit"),

@@ -127,6 +127,13 @@ def interface(**values):
             "systemctl daemon-reload; systemctl restart multimaster-discovery.service multimaster-sync.service",
         ),
         (
+            dropped("/run/systemd/system/multimaster-sync.service.d/a.conf"),
+            ("sync", "configuration", ""),
+            "mv /run/systemd/system/multimaster-sync.service.d/a.conf /run/systemd/system/multimaster-sync.service.d/a.conf.off; "
+            "systemctl daemon-reload; systemctl restart multimaster-sync.service",
+        ),
+        (dropped("/run/systemd/system/multimaster-sync.service.d/a.conf"), ("relay", "configuration", ""), ""),
+        (
             dropped_of_routing,
             ("environment", "service", ""),
             "mv /etc/systemd/system/multimaster-multicast-routing.service.d/a.conf "
