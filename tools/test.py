@@ -580,7 +580,7 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def main() -> int:
-    """Return 1 when a test failed or none ran."""
+    """Return 1 if a test failed or no test ran."""
     suites = choose_suites(sys.argv[1:])
     signal.signal(signal.SIGTERM, _interrupt)
     shutil.rmtree(REPORTS, ignore_errors=True)

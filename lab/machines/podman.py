@@ -81,7 +81,7 @@ def podman(*words: str, stdin: bytes | None = None, check: bool = True, timeout:
     if not shutil.which("podman"):
         raise LabError("podman is not installed: run 'make lab'.")
     # A command that is killed leaves remains over which the next one stumbles: half a container, a network without its file.
-    # So no signal reaches it, also none to the whole group of processes, as of Ctrl+C.
+    # So no signal reaches it, not even one for the whole group of processes, as that of Ctrl+C.
     apart = words[0] != "exec"
     whole = defer_signals() if apart else contextlib.nullcontext()
     try:

@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 role, count, *folders = sys.argv[1:]
 EACH, PAUSE = 25, 0.004  # messages, and seconds from one to the next
-APART = 0.05  # seconds from one new topic to the next: so none waits for the others
+APART = 0.05  # seconds from one new topic to the next: so no topic waits for the others
 SETTLED = 1.0  # seconds without a change of a topic's connections
 LINK = 0.1  # seconds until a question is answered
 topics = [f"{folder}/{number}" for number in range(int(count)) for folder in folders]

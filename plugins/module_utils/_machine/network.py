@@ -134,7 +134,7 @@ class UpperInterface(typing.NamedTuple):
 
 
 def read_ports() -> typing.Dict[str, UpperInterface]:
-    """Read the interfaces that are ports of a bridge or a bond: by name; none if `ip` does not show them."""
+    """Read the interfaces that are ports of a bridge or a bond: by name; empty if `ip` does not show them."""
     answer = run(["ip", "-json", "-details", "link"])
     try:
         return list_ports(answer.output.decode("utf-8") if answer.status == 0 else "")

@@ -216,7 +216,7 @@ def source(setup: str) -> typing.Tuple[typing.Dict[str, str], str]:
 
 
 def activate(setup: str) -> typing.Dict[str, str]:
-    """Return the variables that conda sets before it sources a set-up file in one of its environments; none elsewhere.
+    """Return the variables that conda sets before it sources a set-up file in one of its environments; empty elsewhere.
 
     RoboStack's set-up file needs both: it asks the `python` of the environment, which looks at its own path.
     """
@@ -277,7 +277,7 @@ def _import(setup: str, environment: typing.Dict[str, str]) -> Record:
         if tried[-1][1] and "rospy" not in tried[-1][2]:
             break
     else:
-        del tried[1:]  # ROS is in none of them, so the first one is as good as any
+        del tried[1:]  # no Python has ROS, so the first one is as good as any
     python, version, missing, error = tried[-1]
     if not version:
         why = explain_closed([python]) or f"The modules of {where} cannot be imported: {quote(error)}."

@@ -62,7 +62,7 @@ def talk(params: Params, machine: typing.Optional[Result]) -> Result:
 
 
 def choose_environment(params: Params, machine: typing.Optional[Result]) -> typing.Dict[str, str]:
-    """Return the variables of ROS if there is no file with them; none if the collection has set up the machine."""
+    """Return the variables of ROS if there is no file with them; empty if the collection has set up the machine."""
     if machine is None:
         return dict(params["environment"])
     chosen = (machine.get("ros") or {}).get("chosen")

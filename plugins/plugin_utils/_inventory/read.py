@@ -222,7 +222,7 @@ DECLARED = {"multimaster_exports", "multimaster_filters"}
 def _take_common_values(robot: str, hosts: Sequence[str], values: Mapping[str, Values], problems: list[str]) -> Values:
     """Return the values that the computers of a robot, or without one those of the fleet, have together.
 
-    If they disagree, the first one counts, with a sentence in `problems`; of a declaration, none counts.
+    If they disagree, the first one counts, with a sentence in `problems`. Of declarations that disagree, not even the first counts.
     """
     whom = f"the computers of the robot {robot}" if robot else "all computers of the fleet"
     common: dict[str, tuple[str, Any]] = {}

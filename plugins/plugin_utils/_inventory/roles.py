@@ -35,7 +35,7 @@ def read_options(roles: Path = ROLES) -> dict[str, Specification]:
 def find_misspelt(names: Iterable[str], options: Mapping[str, Specification]) -> dict[str, str]:
     """Return the variables that are nearly options of a role: name to the option that is probably meant.
 
-    Names of other people's roles stay unmentioned: `services_enabled` is no option, and near none.
+    Names of other people's roles stay unmentioned: `services_enabled` is no option, and is like no option.
     """
     prefixes = {option.partition("_")[0] for option in options}
     strange = (name for name in names if name not in options and name.partition("_")[0] in prefixes)

@@ -64,7 +64,7 @@ def list_routes(plan: ComputerPlan, interfaces: Sequence[Interface]) -> tuple[Ro
 
 
 def _device(interfaces: Iterable[Interface], gateway: IPv4Address) -> str:
-    """Return the interface in the network of a gateway; empty for none."""
+    """Return the interface in the network of a gateway; empty if no interface is in it."""
     near = (one.name for one in interfaces if any(gateway in address.network for address in one.addresses))
     return next(near, "")
 

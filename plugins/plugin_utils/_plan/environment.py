@@ -129,7 +129,7 @@ def compute_digest(environment: Environment) -> str:
 
 
 def find_gaps(info: Mapping[str, Any], environment: Environment | None) -> list[str]:
-    """Return a sentence for each consumer without the environment on this machine; none if shells are to get nothing."""
+    """Return a sentence for each consumer without the environment on this machine; no sentence if shells are to get nothing."""
     sshd = info["sshd"]
     if not sshd["installed"] or environment is None:
         return []

@@ -145,7 +145,7 @@ class PlanPart(FeaturePart):
 
     @property
     def duty(self) -> str:
-        """The service of the computer for others by it, in a word for a picture; empty for none."""
+        """The service of the computer for others by it, in a word for a picture; empty without such a service."""
         return ""
 
     @property

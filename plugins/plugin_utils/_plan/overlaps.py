@@ -139,7 +139,7 @@ def _list_of_earlier_plans(
 
 
 def describe_overlaps(plan: ComputerPlan, overlaps: Sequence[Overlap]) -> list[str]:
-    """Describe the overlaps of a computer in one sentence; an empty list for none."""
+    """Describe the overlaps of a computer in one sentence; an empty list without overlaps."""
     if not overlaps:
         return []
     robots = shorten_list(dict.fromkeys(overlap.robot for overlap in overlaps))

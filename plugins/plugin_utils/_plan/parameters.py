@@ -290,7 +290,7 @@ def _offline_after(bundled: Parameters) -> float:
 
 
 def _hide_names(exports: Sequence[ServedNames] | None) -> Filters:
-    """Hide the names without a receiver. Upstream serves a name to all robots or to none of them."""
+    """Hide the names without a receiver. Upstream serves a name either to all robots or to no robot."""
     if exports is None:
         return {}
     return {

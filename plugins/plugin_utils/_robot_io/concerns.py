@@ -32,7 +32,7 @@ class UnknownTag(ValueError):
 def choose_concerns(
     options: Mapping[str, Any], run_tags: Iterable[str], skip_tags: Iterable[str], own_tags: Iterable[str]
 ) -> dict[str, Any]:
-    """Return the options of those concerns that the tags of the run name; all, if they name none.
+    """Return the options of those concerns that the tags of the run name; all, if the tags name no concern.
 
     `own_tags` are those of the task, which a foreign playbook may have given it. Raises UnknownTag.
     """

@@ -4,7 +4,7 @@
 """cloud-init, which writes /etc/hosts at every boot if its configuration says manage_etc_hosts, kept away from it.
 
 That may be in user data, in vendor data or in a file below /etc/cloud, in any form of YAML, and may come with the
-next boot. So none of it is read: if cloud-init is installed, its services get one file of ours by the environment
+next boot. So the collection does not read it: if cloud-init is installed, its services get one file of ours by the environment
 variable CLOUD_CFG, which counts more than all of them (cloud-init's helpers.ConfigMerger, the same since 2012). Nothing
 of cloud-init's own is edited, and systemd is not reloaded: it reads the file at the next boot, before cloud-init runs again.
 """

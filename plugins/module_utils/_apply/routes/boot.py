@@ -55,7 +55,7 @@ class Boot:
     # The back end of a route
 
     def find_owner(self, interface: str) -> str:
-        """The back end that owns an interface, "" for none."""
+        """The back end that owns an interface, "" if no back end owns it."""
         return next((name for name, backend in self.backends.items() if interface in backend.list_interfaces()), "")
 
     def choose_backend(self, item: RouteRequest, overrides: typing.Mapping[str, str]) -> str:

@@ -23,7 +23,7 @@ class WantedValue(typing.NamedTuple):
 
 
 class KeyState(typing.NamedTuple):
-    """The value of a key, and the errno that prevents writing it (0 for none)."""
+    """The value of a key, and the errno that prevents writing it (0 if the key can be written)."""
 
     value: typing.Optional[str]
     refusal: int

@@ -43,7 +43,7 @@ class SettingsRecord(typing.NamedTuple):
 
 
 def _usual(variables: typing.Iterable[str]) -> typing.List[str]:
-    """The order that a record has if it names none."""
+    """The order that a record has if it names no order."""
     return changes_others_first(sorted(variables))
 
 

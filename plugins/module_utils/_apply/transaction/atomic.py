@@ -34,7 +34,7 @@ def read_bytes(path: str) -> typing.Optional[bytes]:
 
 
 def attributes(path: str) -> Attributes:
-    """Read the extended attributes of a regular file that its successor is to keep; none for anything else."""
+    """Read the extended attributes of a regular file that its successor is to keep; an empty mapping for anything else."""
     try:
         if not stat.S_ISREG(os.lstat(path).st_mode):
             return {}
@@ -132,7 +132,7 @@ def find_missing_folders(path: str) -> typing.List[str]:
 def make_folders(path: str) -> typing.List[str]:
     """Make a folder (mode 0755) and its missing parents; returns the folders that it made, outermost first.
 
-    Raises OSError, with none of them left.
+    Raises OSError, and leaves no folder of them.
     """
     made: typing.List[str] = []
     try:

@@ -56,7 +56,7 @@ class ManagedFiles(ModuleRun):
         reload = options.get("reload") or {}
         self.restarts = bool(reload.get("restart"))
         service = reload.get("service")  # empty if this computer has no such service
-        self.reloaded = ""  # the service that is to read its files again, empty for none
+        self.reloaded = ""  # the service that is to read its files again, empty without one
         if service and self.files.expect(service, lambda path: path.startswith(reload["folder"]), reload["due"]):
             self.reloaded = service
         self.unread = False  # its files are as planned, and it could not be reloaded

@@ -82,7 +82,7 @@ Pair = typing.Tuple[FileState, typing.Optional[PlannedFile]]  # a file before an
 
 
 def parse_files(files: typing.Iterable[Data]) -> typing.List[PlannedFile]:
-    """Read the planned files from mappings of path, content (text), mode, and owner and group or none. Raises Problem."""
+    """Read the planned files from mappings of path, content (text), mode, and owner and group, which may be missing. Raises Problem."""
     wanted = [_parse_file(entry) for entry in files]
     paths: typing.Set[str] = set()
     for file in wanted:
@@ -468,7 +468,7 @@ class FilePlan:
 
     @property
     def places(self) -> typing.List[str]:
-        """The paths that the steps write or remove, with the record; none if nothing changes."""
+        """The paths that the steps write or remove, with the record; empty if nothing changes."""
         paths = [file.path for file in self.writes] + self.removals + self.folders.rubbish
         return [*paths, self.record.path] if self.changed else []
 

@@ -75,7 +75,7 @@ def read_undisturbed(folder: str, read: typing.Callable[[], T]) -> T:
 def _take(folder: str, name: str, deadline: float) -> typing.Tuple[int, typing.List[str]]:
     """Wait for the lock of a folder; returns its descriptor, and the folders made for it, outermost first.
 
-    Raises OSError if there can be none, Problem if a run does not end. Then nothing of it is left.
+    Raises OSError if no lock can be had, Problem if a run does not end. Then nothing of the lock is left.
     """
     path = os.path.join(folder, NAME)
     made: typing.List[str] = []
@@ -134,7 +134,7 @@ def _wait(path: str, deadline: float) -> None:
     while True:
         try:
             descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-        except OSError:  # no run, or none that this user may see
+        except OSError:  # no run, or this user may not see it
             return
         try:
             if _is_free(descriptor, fcntl.LOCK_SH, path, deadline):

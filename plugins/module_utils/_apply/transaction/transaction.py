@@ -73,7 +73,7 @@ def explain_state(left: typing.Sequence[str], good: str) -> str:
 
 
 def carry_out(steps: typing.Iterable[Step], explain: Explain = explain_failure) -> None:
-    """Do all steps or none. Raises StepFailure; `explain` is for a module that has its own sentences."""
+    """Do all steps, or undo those that were done. Raises StepFailure; `explain` is for a module that has its own sentences."""
     started: typing.List[Step] = []
     try:
         for step in steps:

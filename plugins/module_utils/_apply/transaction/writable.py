@@ -100,7 +100,7 @@ def obstacles(paths: typing.Iterable[str]) -> typing.List[str]:
 
 
 def lock_flag(path: str) -> str:
-    """The word for the flag that forbids every change of a file or folder (chattr(1)); empty for none."""
+    """The word for the flag that forbids every change of a file or folder (chattr(1)); empty without such a flag."""
     try:
         kind = os.lstat(path).st_mode
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):

@@ -93,7 +93,7 @@ SERVICES = (
 
 
 def time_sources(patience: float = 0.0) -> typing.Dict[str, typing.Any]:
-    """Ask the first time service that answers, or say that none does.
+    """Ask the first time service that answers, or say that no service answers.
 
     One that has just been started has selected no source yet: it is asked again for `patience` seconds.
     """

@@ -71,7 +71,7 @@ class TunnelRun(file_bundle.ManagedFiles):
     def apply_runtime(self) -> None:
         """Bring the tunnel up by the new files, or end it if the plan has no files. Raises Problem."""
         if not self.options["files"]:
-            commands.run(_END)  # there may be none
+            commands.run(_END)  # there may be no tunnel
             return
         used = key.KEY + key.NEXT if self._waits else key.KEY
         with explain_unreadable("The tunnel is as it was before."):

@@ -61,7 +61,7 @@ def measure_traffic(
 
 
 def _find_sent(uri: str, places: HostRobots, robot: str) -> Sent:
-    """Ask a node of the robot for its connections with subscribers of other robots; none without an answer."""
+    """Ask a node of the robot for its connections with subscribers of other robots; an empty list without an answer."""
     try:
         answer = server(uri, NODE).getBusInfo(CALLER)[2] if places.robot(host_of(uri)) == robot else []
     except Exception:  # whatever a strange node makes of it; exchange names the nodes that do not answer

@@ -86,7 +86,7 @@ def _uri_at(place: Row) -> str:
 
 
 def _parameter(uri: str, name: str, default: typing.Any) -> typing.Any:
-    """Return a parameter of a roscore, or the default if it gives none."""
+    """Return a parameter of a roscore, or the default if the roscore does not give it."""
     try:
         return ask(uri, CALLER, "getParam", name)
     except OSError:

@@ -41,7 +41,7 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
 
 
 def _look_up(roscore: str, caller: str, service: str) -> str:
-    """Return the host of a service; empty if the roscore knows none."""
+    """Return the host of a service; empty if the roscore does not know the service."""
     try:
         return host_of(str(ask(roscore, caller, "lookupService", service)))
     except OSError:

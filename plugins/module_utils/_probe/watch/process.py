@@ -62,7 +62,7 @@ class Looks:
         threading.Thread(target=look_for_ever, args=(params, self.results), daemon=True).start()
 
     def take(self, now: float) -> typing.List[typing.Tuple[float, Values]]:
-        """Return the looks that have ended, or that none does."""
+        """Return the looks that have ended. If no look ends for long, one says so."""
         # A process that is held up as a whole has missed no look, so each turn counts for little.
         self.waited, self.turn = self.waited + min(now - self.turn, 2 * TURN), now
         found = []

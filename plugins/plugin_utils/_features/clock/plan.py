@@ -30,7 +30,7 @@ STOCK = "/etc/chrony/chrony.conf"
 WAIT = 10
 
 _HEADER = "# Managed by rosfleet.multimaster: the clock of this computer; the fleet follows {source}\n"
-# A source keeps its own sources. If it reaches none, it gives its own time (chrony.conf(5), local).
+# A source keeps its own sources. If it reaches no source, it gives its own time (chrony.conf(5), local).
 _SOURCE = """\
 include {stock}
 local stratum 10
@@ -72,7 +72,7 @@ def make_clock(fleet: Fleet, robot: Robot, computer: Computer) -> Clock | None:
 
 
 def render_clock(clock: Clock | None) -> list[dict[str, str]]:
-    """Return the files of chrony as managed_files takes them; none without a source, or if a user-managed service is kept."""
+    """Return the files of chrony as managed_files takes them; an empty list without a source, or if a user-managed service is kept."""
     if clock is None or clock.kept:
         return []
     if clock.server is None:

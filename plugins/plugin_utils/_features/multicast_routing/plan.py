@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Multicast routing in the plan of a gateway, and the sentence of preflight if a machine can have none."""
+"""Multicast routing in the plan of a gateway, and the sentence of preflight if a machine cannot have it."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def _look_at(context: CheckContext, computer: str) -> SeenTunnel:
 
 
 def _find_peer(context: CheckContext, observer: str, planned: PlannedPeer) -> TunnelPeer | None:
-    """Find a planned peer at a computer by its own address; none if it is reached through the hub."""
+    """Find a planned peer at a computer by its own address; None if it is reached through the hub."""
     seen = _look_at(context, observer)
     if not seen.up or _find_planned(context, observer, planned.computer) is None:
         return None

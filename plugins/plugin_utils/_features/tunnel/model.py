@@ -40,7 +40,7 @@ class Tunnel(PlanPart):
     hub: bool | None = field(default=None, metadata=notation(left_out=True))  # it passes packets on between its peers
 
     def find_carrier(self, address: IPv4Address) -> str:
-        """Return the peer to which packets for an address go: the computer itself, or the hub. Empty for none."""
+        """Return the peer to which packets for an address go: the computer itself, or the hub. Empty if no peer takes them."""
         near = (peer.computer for peer in self.peers if any(address in network for network in peer.networks))
         return next(near, "")
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The tunnel in the plan of a computer: its peers, and the sentence of preflight if a machine can have none.
+"""The tunnel in the plan of a computer: its peers, and the sentence of preflight if a machine cannot have it.
 
 Pure: the fleet and a description of the machine in, a plan and sentences out.
 """

@@ -33,7 +33,7 @@ def _list_channels(context: CheckContext) -> list[Mapping[str, Any]]:
 
 
 def _find_names(context: CheckContext, kind: str, name: str) -> Iterator[str]:
-    """Yield the observer's name of a topic or service of the target's robot; none if it does not cross."""
+    """Yield the observer's name of a topic or service of the target's robot; nothing if it does not cross."""
     for channel in _list_channels(context):
         inner = find_inner_name(channel, name) if channel["inner"] else name
         if inner is not None and matches(list_names(channel, KINDS[kind], given=False), inner):

@@ -49,7 +49,7 @@ class ReadFilters:
         return self._known[key]
 
     def list_origins(self, component: Component) -> tuple[str, ...]:
-        """List the chains, as "family table chain", of the rule that was found for a component; none if a rule did not show it."""
+        """List the chains, as "family table chain", of the rule that was found for a component; an empty list if no rule showed it."""
         shown = self.rules.get(component) or self.rules.get(component._replace(what=""))
         return shown.origins if shown else ()
 

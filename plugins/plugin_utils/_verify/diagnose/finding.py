@@ -106,7 +106,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The findings, the most important first, and the rows that none of them explains."""
+    """The findings, the most important first, and the rows that no finding explains."""
 
     findings: tuple[Finding, ...] = ()
     unexplained: tuple[Row, ...] = ()

@@ -3,7 +3,7 @@
 
 """The time since when a component is broken, if a machine shows it. Pure: a component and the facts of its place in, a text out.
 
-A service has a time of its own. The kernel notes none for its settings, routes and rules. So a file is named only if it decides
+A service has a time of its own. The kernel notes no time for its settings, routes and rules. So a file is named only if it decides
 the fault: its line, its value, or its table of the packet filter was read.
 """
 

@@ -48,7 +48,7 @@ class FleetJudgement:
 
 
 def judge(verification: Verification, pages: bool, everything: bool) -> FleetJudgement:
-    """Judge all rows, and keep none without `pages`. Those of a large fleet that are ok are kept only with `everything`."""
+    """Judge all rows, and keep no row without `pages`. Those of a large fleet that are ok are kept only with `everything`."""
     began = time.monotonic()
     fleet, computers = verification.fleet, list(verification.run)
     whole = is_small(computers) or (pages and (len(fleet.computers) <= MOST or everything))

@@ -67,7 +67,7 @@ class SeenEnd:
         return {*self.place.places, *(self.sign.places if self.sign else ())} <= set(computers)
 
     def choose(self, suspects: Iterable[Component]) -> frozenset[Component]:
-        """Return the suspects that the place leaves; the place itself if it leaves none."""
+        """Return the suspects that the place leaves; the place itself if it leaves no suspect."""
         left = () if self.sign else (component for component in suspects if is_consistent(component, self.place))
         return frozenset(left) or frozenset({self.component})
 

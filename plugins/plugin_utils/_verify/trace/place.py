@@ -184,7 +184,7 @@ class _Walk:
         return self.probe.protocol == "udp" and (report.icmp_type, report.icmp_code) == CLOSED_PORT
 
     def _is_denied(self, report: CapturedPacket) -> bool:
-        """Return True if the computer that is to have reported listened, has sent no such report, and has passed on incoming packets, or got none."""
+        """Return True if the computer that is to have reported listened, has sent no such report, and has passed on the packets that came in, if any did."""
         at = self.chart.name_at(report.reporter)
         if at == self.probe.sender or at not in self.chart.listening:
             return False
@@ -251,7 +251,7 @@ class _Walk:
         """The stage of packets that their sender was not seen to send. An errno of its kernel is evidence without a listener."""
         if self.sent and list_own_components(self.sent.outcome, self.probe.sender, self.probe.traffic):
             return TraceStage.SOURCE
-        if self.sent is None or self.sent.outcome in (Outcome.NOT_TRIED, Outcome.FAILED):  # it has sent none, maybe
+        if self.sent is None or self.sent.outcome in (Outcome.NOT_TRIED, Outcome.FAILED):  # it may have sent nothing
             return TraceStage.UNSEEN
         return self._unless_blind(self.probe.sender, TraceStage.SOURCE)
 
@@ -343,7 +343,7 @@ class _Walk:
         )
 
     def _find_receiver(self, left: CapturedPacket, planned: str, rest: Iterable[str], kind: str) -> str:
-        """Name the computer for which a packet left; a group and an interface without hardware addresses name none.
+        """Name the computer for which a packet left; a group and an interface without hardware addresses name no computer.
 
         A hardware address that no answer showed may be that of the planned one all the same: a bridge translates it, and the packet came
         in for an own one, or the computer was not asked. It may be that of a router of no fleet, too: then it came in at one of the rest.

@@ -239,7 +239,7 @@ def _quote_yaml(text: str) -> str:
     return f'"{text}"'
 
 
-# The names of the fields of a route in netplan(5), and the value that needs no line. An empty text needs none either.
+# The names of the fields of a route in netplan(5), and the value that needs no line. An empty text needs no line either.
 _KEYS = (
     ("to", "destination", ""),
     ("via", "gateway", ""),

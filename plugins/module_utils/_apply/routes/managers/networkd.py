@@ -52,7 +52,7 @@ class BackEnd(contract.BackEnd):
         return {name: value for name, _equals, value in (line.partition("=") for line in text.splitlines())}
 
     def network_file(self, interface: str) -> str:
-        """The .network file with which networkd configures an interface, "" for none."""
+        """The .network file with which networkd configures an interface, "" without such a file."""
         state = self._read_state(interface)
         return "" if state.get("ADMIN_STATE", "") in _FREE else state.get("NETWORK_FILE", "")
 

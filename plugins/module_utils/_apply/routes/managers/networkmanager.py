@@ -53,7 +53,7 @@ def nmcli(*words: str) -> commands.Answer:
 
 
 def active_profiles() -> typing.Dict[str, Active]:
-    """The active profiles by interface; none if NetworkManager is not there or does not run."""
+    """The active profiles by interface; empty if NetworkManager is missing or does not run."""
     devices = nmcli("--fields", "DEVICE,CON-UUID,STATE", "device")
     if devices.status != 0:
         return {}
@@ -257,7 +257,7 @@ _SCOPES = {"global": 0, "link": 253, "host": 254}  # rtnetlink(7)
 
 
 def format_line(route: RouteSpec, profile_table: int) -> str:
-    """A route of ours as a line. `profile_table` is the profile's route-table: 0 for none, so for the table main."""
+    """A route of ours as a line. `profile_table` is the profile's route-table: 0 if it is not set, so that the table is main."""
     words = [route.destination] + ([route.gateway] if route.gateway else [])
     words.append(str(route.metric))  # without it NetworkManager takes that of the interface, 100 and more
     attributes = [

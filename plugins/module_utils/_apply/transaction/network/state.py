@@ -49,7 +49,7 @@ class NetworkItem(typing.NamedTuple):
 
     @property
     def device(self) -> str:
-        """The interface that it needs, "" for none or several. A rule stays without its interface."""
+        """The interface that it needs, "" if it needs no interface, or several. A rule stays without its interface."""
         words = self.text.split()
         return words[words.index("dev") + 1] if self.kind in ("address", "route") and words.count("dev") == 1 else ""
 

@@ -35,7 +35,7 @@ class Transport(xmlrpc.client.Transport):
 
 
 def ask(uri: str, method: str, *arguments: Any) -> Any:
-    """The value that a roscore answers with. Raises Unavailable if it gives none."""
+    """The value that a roscore answers with. Raises Unavailable if the roscore gives no value."""
     try:
         code, text, value = getattr(xmlrpc.client.ServerProxy(uri, Transport()), method)(CALLER, *arguments)
     except Exception as problem:  # the network's, HTTP's and XML's own: whatever it is, not a roscore's answer

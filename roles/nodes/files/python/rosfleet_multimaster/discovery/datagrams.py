@@ -23,7 +23,7 @@ class NetworkPlace(NamedTuple):
     """The place of this computer in the network."""
 
     address: str  # the own address, from which datagrams come
-    interface: int  # the index of its interface, 0 for none
+    interface: int  # the index of its interface, 0 without an interface
     running: bool  # the interface is up and has a carrier
 
 

@@ -79,6 +79,6 @@ class Display:
             self._limited.say("warning", "metrics", f"the metrics cannot be written to {self._path}: {problem}")
 
     def end(self) -> None:
-        """Take the file back: old values are worse than none."""
+        """Take the file back: old values are worse than missing ones."""
         if self._path:
             textfile.remove(self._path)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Patience with others: a limit in time for calls that know none, and a pace of questions to who answers them too fast."""
+"""Patience with others: a limit in time for calls that have no limit of their own, and a pace of questions to who answers them too fast."""
 
 import threading
 from typing import Any, Callable, List

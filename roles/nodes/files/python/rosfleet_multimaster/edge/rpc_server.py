@@ -71,7 +71,7 @@ class PackedAnswer:
 class Callers(NamedTuple):
     """The rules for callers. They are asked in the thread that takes connections."""
 
-    find_refusal: Callable[[str, str], str] = lambda _caller, _here: ""  # (its address, ours) -> why not, "" for none
+    find_refusal: Callable[[str, str], str] = lambda _caller, _here: ""  # (its address, ours) -> why not; "" if it may
     robot: Callable[[str], str] = str  # who is at an address: all computers of a robot are one, and all strangers
     robots: Collection[str] = ()  # for each of which a part is kept
     own: str = ""  # the one of this computer

@@ -358,7 +358,7 @@ class Filters:
 
     def wants_host(self, host: str) -> bool:
         """True if a master of this name is synchronised with. `sync_hosts` is a white list, with `ignore_hosts`, too."""
-        if len(host) > MAX_NAME:  # no pattern matches it, so none could ignore it
+        if len(host) > MAX_NAME:  # no pattern matches it, so no pattern could ignore it
             return False
         wanted = self._pattern("sync_hosts", host)
         return wanted.matches(host) if wanted else not self._pattern("ignore_hosts", host).matches(host)

@@ -15,7 +15,7 @@ class Account:
     """The account of a robot. Its connections take their turns one after the other, as far as its share of the processor goes."""
 
     def __init__(self, loop: Loop, robot: str, budget: Budget, effort: Effort) -> None:
-        """`robot`: empty for all computers that belong to none; `budget`: of all robots together."""
+        """`robot`: empty for all computers that belong to no robot; `budget`: of all robots together."""
         self.robot, self.budget = robot, budget
         self._loop, self._effort = loop, effort
         self._queue: Deque[Callable[[], None]] = deque()

@@ -62,7 +62,7 @@ class Dialers:
 
     def _count(self, robot: str, place: str, is_slow: bool, number: int) -> None:
         self._at_once[place] += number
-        self._at_once += Counter()  # without those that have none
+        self._at_once += Counter()  # without places that have no connection
         self._busy.add(robot, number)
         if is_slow:
             self._slow.add(robot, number)

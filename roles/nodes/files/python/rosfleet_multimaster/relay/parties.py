@@ -55,7 +55,7 @@ class Parties:
         return address in self._local_hosts()
 
     def find_robot(self, address: str) -> str:
-        """Return the robot that a computer is of; empty for one of none."""
+        """Return the robot that a computer is of; empty for a computer of no robot."""
         return self.robot if self.is_here(address) else self._robots.get(address, NOBODY)
 
     def is_peer(self, robot: Any, address: str) -> bool:

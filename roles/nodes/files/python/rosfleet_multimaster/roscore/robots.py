@@ -23,7 +23,7 @@ class Robots:
     """The robots of the fleet. `at` is asked in threads."""
 
     def __init__(self, path: str, report: Callable[[Collection[str]], None]) -> None:
-        """`path`: of the file; "" for none. `report(robots)` is called after each change, with the robots and the names of those that are no robot."""
+        """`path`: of the file; "" without a file. `report(robots)` is called after each change, with the robots and the names of those that are no robot."""
         self._path, self._members, self._report = path, Members(), report
         self._due, self._state = 0.0, (0, 0, 0)
 

@@ -95,7 +95,7 @@ class Health:
         return chosen
 
     def take_answer(self, uri: str, answer: Optional[ClockAnswer]) -> None:
-        """Take an answer, or that there was none."""
+        """Take an answer, or None for a question without an answer."""
         if answer is None or uri not in self._asked:
             self._answers.pop(uri, None)
         else:

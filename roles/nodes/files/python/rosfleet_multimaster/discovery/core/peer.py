@@ -51,7 +51,7 @@ class Contact(NamedTuple):
 def find_name_problem(contact: Contact, heard: str, address: str, there: Optional[Contact]) -> str:
     """The reason why the nodes of a master cannot be reached by its name; empty if they can.
 
-    `heard` is the address that it sends from, `address` that of its name ("" for none), `there` the contact that answers at the latter.
+    `heard` is the address that it sends from, `address` that of its name ("" without one), `there` the contact that answers at the latter.
     A gateway has two: its name leads to the one in the robot's network, and it is heard from the other.
     """
     if not address:
@@ -75,7 +75,7 @@ class Peer:
     since: float
     heard: float  # its last sign of life
     beat: Heartbeat
-    contact: Optional[Contact] = None  # none yet: a newcomer
+    contact: Optional[Contact] = None  # None: no contact yet, a newcomer
     online: bool = False  # others see that it is
     credit: int = 0  # datagrams since it was last asked in vain who it is,
     failures: int = 0  # and how often it was

@@ -50,7 +50,7 @@ def is_host_name(text: str) -> bool:
 
 
 def _normalize_ipv6(text: str) -> str:
-    """An IPv6 address in its only spelling; empty for none, and for an IPv4 address that is written as one."""
+    """An IPv6 address in its only spelling; empty for any other text, and for an IPv4 address that is written as one."""
     try:
         address = ipaddress.IPv6Address(text)
     except ValueError:

@@ -67,7 +67,7 @@ class Candidate(NamedTuple):
     registration: Registration
     master_uri: str
     master: str
-    type: str = "*"  # of the topic; "*" if the master knows none
+    type: str = "*"  # of the topic; "*" if the master does not know the type
 
 
 def plan(wanted: Sequence[Candidate], view: View, claims: Mapping[NodeKey, str]) -> SyncPlan:
