@@ -164,7 +164,10 @@ SYNCS: Mapping[Key, Fault] = {
         "RF-426",
         "the sync node of {place} has not followed the changes of {what}, which are given to it and are not registered",
         do=(RESTART_SYNC,),
-        look=(SYNC,),
+        look=(
+            SYNC,
+            on("nft list ruleset | grep -nE 'skuid|skgid|cgroup'", "a packet filter may have rules for its user alone"),
+        ),
         cost=2.5,
         what="another master",
         read=ALWAYS,
