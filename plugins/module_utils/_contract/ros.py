@@ -183,6 +183,10 @@ class CrossingTopic(Struct):
         "Where no header came: the same of the relay of the other robot alone, which is asked directly.", "not_tried"
     )
     error: str = field("Why no header came, or empty.", "")
+    unlike: typing.Tuple[str, ...] = field(
+        "The nodes of this robot that subscribe it with another type than that of its publisher, so nothing reaches them.",
+        [],
+    )
 
 
 class SeenRelay(Struct):

@@ -27,6 +27,8 @@ MOST_RELAYS, MOST_HOSTS = 64, 4  # relays that are asked, and addresses of one
 MOST_NODES = 50  # of an offer, as a relay has it
 RELAY = "/master_relay"
 HEARD = 2  # topics of one robot that are heard through both relays
+MOST_LISTENERS = 4  # nodes here that are asked for the type of such a topic
+ANY_TYPE = ("*", "")
 LARGE = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")  # types that are heard last
 CONNECT = 2.0  # seconds that a TCP connection may take: one lost SYN is sent again after one second
 
@@ -131,7 +133,8 @@ def _hear_crossing(
 ) -> None:
     """Hear topics that come by the relay here from one robot alone, as a node of this robot hears them."""
     try:
-        here = {topic for topic, nodes in ros.read_state()[0].items() if RELAY in nodes}
+        publishers, subscribers = ros.read_state()[:2]
+        here = {topic for topic, nodes in publishers.items() if RELAY in nodes}
         relay = str(ros.ask("lookupNode", RELAY))
     except OSError:
         return  # the services and the roscore have rows of their own
@@ -143,9 +146,32 @@ def _hear_crossing(
         for topic, offer in _choose(own, row["robot"])
     ]
     # A call has limits of its own. So a late one began late, behind those of other relays: it says nothing of its relay.
-    heard = call_all(lambda job: _hear(relay, robot, *job), jobs, RELAYS, lambda job: None)
+    heard = call_all(
+        lambda job: _compare(ros, subscribers, *job[1:], _hear(relay, robot, *job)), jobs, RELAYS, lambda job: None
+    )
     for (row, _topic, _offer), crossing in zip(jobs, heard):
         row["crossing"] = [*row["crossing"], *filter(None, [crossing])]
+
+
+def _compare(
+    ros: Ros, subscribers: typing.Mapping[str, typing.Sequence[str]], topic: str, offer: Offer, crossing: Row
+) -> Row:
+    """Add the nodes here that subscribe a topic with another type: a roscore has one type of it, that of the last publisher."""
+    nodes = [node for node in sorted(subscribers.get(topic, ())) if node != RELAY][:MOST_LISTENERS]
+    kind = offer[1]
+    unlike = (
+        [] if kind in ANY_TYPE else [node for node in nodes if _ask_type(ros, node, topic) not in (kind, *ANY_TYPE)]
+    )
+    return dict(crossing, unlike=list(map(plain, unlike)))
+
+
+def _ask_type(ros: Ros, node: str, topic: str) -> str:
+    """Ask a node here for the type with which it subscribes a topic; empty without an answer."""
+    try:
+        answer = server(str(ros.ask("lookupNode", node))).getSubscriptions(CALLER)
+        return next((str(kind) for name, kind in answer[2] if name == topic), "")
+    except Exception:  # any: it is somebody's node, and others say that it does not answer
+        return ""
 
 
 def _name_here(

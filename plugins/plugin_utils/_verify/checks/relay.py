@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ..._base.sentences import shorten_list
@@ -16,7 +16,7 @@ from ..context import needs
 from ..context.check_context import CheckContext
 from ..context.needs import Components, join_components, make_components
 from ..context.registrations import RELAY, TEST_NODES
-from ..observe.observations import CrossingTopic, SeenRelay, ServiceState
+from ..observe.observations import CrossingTopic, ServiceState
 from ..observe.outcomes import Outcome
 from .engine import FAILED, MASTER, Check, Judgement, judge_fault
 
@@ -147,7 +147,17 @@ def _find_other_types(context: CheckContext) -> list[str]:
             kind, other = there.get(item.name, ("", ""))[0], here.get(name, ("", ""))[0]
             if kind and other and kind != other:
                 found.append(f"{item.name} of {its} is {kind}, and {name} of {own} is {other}")
+    # A roscore has the type of the last publisher, so nodes that subscribe another one have said it themselves.
+    for one in _list_crossing(context):
+        if one.unlike:
+            nodes = shorten_list(one.unlike, NAMED)
+            found.append(f"{one.topic} of {its} has another type than that which {nodes} of {own} subscribes")
     return sorted(set(found))
+
+
+def _list_crossing(context: CheckContext) -> Sequence[CrossingTopic]:
+    """List the topics of the target's robot that were heard through both relays."""
+    return next((one.crossing for one in context.probe.relays if one.robot == context.robots[1]), ())
 
 
 def _find_unreached(context: CheckContext) -> tuple[str, Components]:
@@ -188,9 +198,8 @@ def _judge_relay_reached(context: CheckContext) -> Judgement | None:
 
 def _list_unheard(context: CheckContext) -> list[CrossingTopic]:
     """List topics of the target's robot of which no header came through both relays. If its nodes are silent there, too, that is said there."""
-    own = next((one for one in context.probe.relays if one.robot == context.robots[1]), SeenRelay(""))
     silent = context.peer.probe.exchange.silent if context.peer else ()
-    failed = (one for one in own.crossing if one.outcome not in (Outcome.ANSWERED, Outcome.NOT_TRIED))
+    failed = (one for one in _list_crossing(context) if one.outcome not in (Outcome.ANSWERED, Outcome.NOT_TRIED))
     return [one for one in failed if not set(one.nodes) <= set(silent)]
 
 

@@ -257,6 +257,35 @@ def test_topics_are_heard_through_both_relays(monkeypatch, here, there, expected
     assert bool(asked_there) == (expected[0] != "answered")
 
 
+@pytest.mark.parametrize(
+    ("offered", "subscribed", "unlike"),
+    [
+        ("std_msgs/Int32", "std_msgs/String", ["/drive"]),
+        ("std_msgs/String", "std_msgs/String", []),
+        ("std_msgs/Int32", "*", []),  # rostopic hz takes any
+        ("*", "std_msgs/String", []),
+        ("std_msgs/Int32", None, []),  # it answers otherwise
+    ],
+)
+def test_a_node_that_subscribes_another_type_says_so_itself(offered, subscribed, unlike):
+    class Roscore:
+        def ask(self, method, node):
+            return {"/drive": place, "/gone": "http://127.0.0.1:1/"}[node]
+
+    rows = [["/other", "a/B"], ["/cmd_vel", subscribed]]
+    with xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
+        server.register_function(lambda _caller: [1, "", rows] if subscribed else 7, "getSubscriptions")
+        place = f"http://127.0.0.1:{server.server_address[1]}/"
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        crossing = masters._make_crossing("/cmd_vel", ("/station/cmd_vel", offered, ("/joy",)))
+        nodes = {"/cmd_vel": ["/master_relay", "/gone", "/drive"]}
+        found = masters._compare(Roscore(), nodes, "/cmd_vel", ("/station/cmd_vel", offered, ("/joy",)), crossing)
+        server.shutdown()
+        thread.join()
+    assert found == {**crossing, "unlike": unlike}
+
+
 def test_the_most_offers_that_a_relay_has_are_read():
     """More than 64 KB: a relay with 220 topics was told as one that does not answer."""
     nodes = [[f"/kobuki2/laboratory/node_{number}_{one}" for one in range(2)] for number in range(1000)]

@@ -16,6 +16,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import diagnosed, plan, update
+from mentioned import mentions
 
 ROBOT, STATION = "kobuki1computer", "kobuki2computer"
 SCAN, DRIVE = "sensor_msgs/LaserScan", "geometry_msgs/Twist"
@@ -200,6 +201,12 @@ def test_data_that_does_not_come_through_both_relays_is_named_at_the_one_that_lo
     assert "/kobuki1/scan" in finding.sentence() and finding.do
     (finding,) = hear(there=Outcome.NO_ANSWER)
     assert {one.place for one in finding.candidates if one.kind == "relay"} >= {ROBOT} and finding.sure == "inferred"
+
+
+def test_a_node_that_subscribes_another_type_than_the_other_robot_sends_is_named():
+    (finding,) = hear(outcome=Outcome.ANSWERED, message=True, error="", unlike=("/viewer",))
+    assert (finding.component.kind, finding.component.mode) == ("messages", "differ")
+    assert mentions(finding.sentence(), "/kobuki1/scan", "/viewer", "station")
 
 
 def test_data_that_crosses_or_whose_publisher_is_silent_is_no_fault_of_a_relay():
