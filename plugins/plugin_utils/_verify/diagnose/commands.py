@@ -19,7 +19,7 @@ from ..._network.model import MASQUERADE
 from ..checks.programs import describe_full
 from ..components.component import Component
 from ..context.check_context import FleetState, Participant
-from ..observe.observations import ServiceState
+from ..observe.observations import FilterChains, ServiceState
 from .node_remedies import list_remedies
 from .onset import MAKERS
 
@@ -139,6 +139,7 @@ LASTING: Mapping[str, tuple[Mapping[str, str], str]] = {
 
 
 GROUPS = IPv4Network("224.0.0.0/4")  # of multicast: only the source of packets to it is of the fleet
+WAYS = {"in": "input", "out": "output", "forward": "forward"}  # direction of packets -> the hook of nftables
 #: direction of packets -> the chains of iptables that they pass, and the end of them that is in a network of the fleet
 CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "in": (("INPUT", "-s"),),
@@ -161,10 +162,21 @@ def _accept_packets(computer: Participant, components: Sequence[Component], stat
             yield known[0][1]
         elif origins:
             yield _accept_before(component, origins[0], networks)
-        elif (
-            computer.seen.filters is not None and not computer.seen.filters.readable
-        ):  # without nft the rules are those of iptables
-            yield from _accept_first(component, networks)
+        else:
+            yield from _accept_unread(computer.seen.filters, component, networks)
+
+
+def _accept_unread(filters: FilterChains | None, component: Component, networks: Iterable[IPv4Network]) -> Commands:
+    """A rule that was not understood drops the packets, such as one with a limit: the new one comes before all rules of its chain."""
+    if filters is None:
+        return
+    if not filters.readable:  # without nft the rules are those of iptables
+        yield from _accept_first(component, networks)
+        return
+    hook = WAYS.get(component.mode.rpartition(" ")[2])
+    chains = [one for one in filters.chains if one.hook == hook and one.unread]
+    if len(chains) == 1:  # of several it is not known which
+        yield _accept_before(component, f"{chains[0].table} {chains[0].chain}", networks)
 
 
 def _find_dropped(component: Component) -> tuple[Dropped | None, str, str]:

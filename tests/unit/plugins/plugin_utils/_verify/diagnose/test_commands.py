@@ -235,6 +235,34 @@ def test_without_nft_the_fleet_is_let_in_by_iptables(mode, what, words):
     assert [one.text for one in commands] == ([words.format(networks)] if words else [])
 
 
+@pytest.mark.parametrize(
+    ("mode", "chains", "words"),
+    [
+        (
+            "roscore in",
+            (("input", "inet own", 1, "one"),),
+            f"nft insert rule inet own one ip saddr {NETS} tcp dport 11311 accept",
+        ),
+        ("roscore in", (("input", "inet own", 0, "one"), ("output", "inet own", 1, "two")), ""),
+        (
+            "roscore in",
+            (("input", "inet own", 1, "one"), ("input", "inet other", 1, "one")),
+            "",
+        ),  # which of them is not known
+        ("forward", (("forward", "ip own", 2, "one"),), f"nft insert rule ip own one ip saddr {NETS} accept"),
+        ("roscore in", (("input", "inet own", 1, "one; reboot"),), ""),
+    ],
+)
+def test_before_a_rule_that_is_not_understood_the_fleet_is_let_in(mode, chains, words):
+    fleet = fig12()
+    seen = observed(fleet)
+    read = tuple(FilterChain(hook, table, "accept", (), unread, chain) for hook, table, unread, chain in chains)
+    update(seen[NAME], filters=FilterChains(True, read))
+    run = Verification(CHECKS, fleet, seen)
+    commands = make_commands([Component("filter", NAME, mode)], run.run[NAME], run.state)
+    assert [one.text for one in commands] == ([words] if words else [])
+
+
 def masquerading(**values):
     rule = FilterRule("masquerade", leaving="eth0", chain=values.pop("chain", "post"))
     return FilterChain("postrouting", values.pop("table", "inet own"), "accept", (rule,), **values)
