@@ -173,9 +173,9 @@ class Switch:
         confirmed    a confirming run was broken off; state()["memory"] has its remaining work
         """
         mark = self._mark()
-        deadline = time.time() + _LIMIT
+        deadline = time.monotonic() + _LIMIT
         while mark == "undoing":  # now, by the timer
-            if time.time() > deadline:
+            if time.monotonic() > deadline:
                 raise Problem(f"The way back in {self.folder} has not ended within {_LIMIT} s: look at its log.")
             time.sleep(0.1)
             mark = self._mark()

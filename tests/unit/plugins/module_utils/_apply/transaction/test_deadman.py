@@ -5,6 +5,7 @@
 tests/systems/test_cut_off.py has.
 """
 
+import itertools
 import json
 import os
 import pathlib
@@ -96,6 +97,15 @@ def test_what_nobody_confirms_is_taken_back_in_order(switch, timer, tmp_path):
     switch.clear()
     assert switch.look("t") == "none"
     assert not (tmp_path / "run").exists()
+
+
+def test_a_look_waits_for_the_way_back_while_the_clock_steps(switch, timer, tmp_path, monkeypatch):
+    switch.arm("t", HOUR, [["sleep", "1"]])
+    timer.ring(switch.unit)
+    becomes(tmp_path / "run" / "rollback-test" / "undoing", "")
+    hours = itertools.count(time.time(), HOUR)
+    monkeypatch.setattr(time, "time", lambda: next(hours))
+    assert switch.look("t") == "rolled_back"
 
 
 def test_files_come_back_with_their_permissions(switch, tmp_path):
