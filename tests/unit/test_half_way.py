@@ -7,10 +7,12 @@ The runs are those of a module with its lock and its dead-man's switch, on folde
 tried beside the modules.)
 """
 
+import errno
 import itertools
 import os
 import pathlib
 import random
+import re
 import shutil
 import stat
 import tempfile
@@ -308,3 +310,51 @@ def test_a_disk_that_fails_from_a_call_on_is_mended_later(make, kind, ends):
             ):
                 continue
             mend(place, wanted, after, untouched, f"{fault.error} from {step} on: {fault.told}")
+
+
+class Loose:
+    """The removals that a loss of power may still undo: fsync(2) of their folder has not come since."""
+
+    def __init__(self, place, monkeypatch):
+        self.place, self.removed, self.forgotten = place, set(), []
+        self.unlink, self.fsync, self.rename = os.unlink, os.fsync, os.rename
+        for name in ("unlink", "fsync", "rename"):
+            monkeypatch.setattr(os, name, getattr(self, f"_{name}"))
+
+    def _look_at_record(self, path):
+        """A record is about to change: what it forgets has to be gone for good."""
+        if path.startswith(self.place.records) and path.endswith(".json"):
+            self.forgotten += sorted(self.removed)
+
+    def _unlink(self, path):
+        self._look_at_record(path)
+        self.unlink(path)
+        passing = path.startswith(f"{self.place.folder}/run") or ".rosfleet-new" in path or path.endswith("/lock")
+        self.removed |= set() if passing else {path}
+
+    def _rename(self, source, target):
+        self._look_at_record(target)
+        self.rename(source, target)
+
+    def _fsync(self, descriptor):
+        self.fsync(descriptor)
+        folder = os.readlink(f"/proc/self/fd/{descriptor}")
+        self.removed = {path for path in self.removed if os.path.dirname(path) != folder}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", PLACES)
+def test_a_loss_of_power_brings_nothing_back_that_no_record_knows(make, kind):
+    """Also in the undo of a run that fails at any call, and after the end."""
+    for first, wanted in kind.plans:
+        for step in itertools.count():
+            place = make(kind)
+            place.apply(first)
+            with pytest.MonkeyPatch.context() as patch:
+                loose = Loose(place, patch)
+                with Fault(step, errno.ENOSPC) as fault:
+                    ended = place.apply(wanted)
+            unsynced = re.match(rf"fsync |open .* {os.O_RDONLY | os.O_DIRECTORY}\)$", fault.told)  # that is what failed
+            assert unsynced or (loose.forgotten, loose.removed) == ([], set()), (fault.told, ended)
+            if not fault.told:
+                break

@@ -385,7 +385,7 @@ class SysctlRun(ModuleRun):
         for path, text in texts.items():
             place, content = self._place(path), (text or "").encode("utf-8", "surrogateescape")
             if text is None:
-                atomic.remove(place)
+                atomic.remove_for_good(place)
             elif atomic.read_bytes(place) != content or (path == self.drop_in and self.wrong_mode is not None):
                 atomic.make_folders(os.path.dirname(place))
                 atomic.write_by_rename(place, content)

@@ -120,6 +120,13 @@ def remove(path: str) -> None:
         os.unlink(path)
 
 
+def remove_for_good(path: str) -> None:
+    """Remove a file, which a loss of power does not bring back; one that is gone already is no error. Raises OSError."""
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)
+        sync_folder(os.path.dirname(path))
+
+
 def find_missing_folders(path: str) -> typing.List[str]:
     """The folders on the way to a folder, and itself, that are not there, outermost first."""
     missing = []

@@ -279,13 +279,7 @@ RECORD_RESTORE_FAILURE = "The record {what} could not be put back ({reason})."
 
 def removal(path: str, before: FileState) -> Step:
     """The step that removes a file."""
-
-    def remove() -> None:
-        atomic.remove(path)
-        if os.path.isdir(os.path.dirname(path)):
-            atomic.sync_folder(os.path.dirname(path))
-
-    return Step(path, remove, lambda: restore(path, before), failure=_RESTORE_FAILURE)
+    return Step(path, lambda: atomic.remove_for_good(path), lambda: restore(path, before), failure=_RESTORE_FAILURE)
 
 
 def _folders_for(path: str) -> Step:
@@ -310,7 +304,7 @@ def restore(path: str, before: FileState) -> None:
     if look(path) == before:  # the step has failed before it changed anything
         return
     if not before.kind:
-        atomic.remove(path)
+        atomic.remove_for_good(path)
         return
     atomic.make_folders(os.path.dirname(path))
     if before.kind == _FILE:
@@ -318,6 +312,7 @@ def restore(path: str, before: FileState) -> None:
     else:
         atomic.remove(path)
         os.symlink(before.content, os.fsencode(path))
+        atomic.sync_folder(os.path.dirname(path))
 
 
 class FileBundle:

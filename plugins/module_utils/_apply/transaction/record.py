@@ -80,7 +80,7 @@ class Record:
             atomic.write_by_rename(self.path, _encode(data), mode=0o600)
         elif os.path.lexists(self.path):
             atomic.remove_leftovers(self.path)
-            atomic.remove(self.path)
+            atomic.remove_for_good(self.path)
             atomic.remove_folder_if_empty(os.path.dirname(self.path))
         else:
             self.tidy()

@@ -131,7 +131,7 @@ def write_files(files: typing.Iterable[FileBefore]) -> None:
     """Give files this content, with the permissions that they have. Raises OSError."""
     for path, content in files:
         if content is None:
-            atomic.remove(path)
+            atomic.remove_for_good(path)
         elif atomic.read_bytes(path) != content:
             atomic.write_by_rename(path, content, *atomic.permissions(path))
 

@@ -491,7 +491,7 @@ def test_the_mode_of_a_drop_in_that_goes_is_as_before(machine, monkeypatch):
     def remove(path):
         raise OSError(errno.EPERM, "Operation not permitted", path)
 
-    monkeypatch.setattr(sysctl.atomic, "remove", remove)
+    monkeypatch.setattr(sysctl.atomic, "remove_for_good", remove)
     with pytest.raises(Problem, match="Everything is as it was before."):
         run.apply()
     assert machine.drop_in.stat().st_mode & 0o777 == 0o600

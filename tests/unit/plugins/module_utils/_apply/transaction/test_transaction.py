@@ -123,7 +123,7 @@ def test_a_record_that_cannot_be_put_back_is_told(tmp_path, monkeypatch):
 
     def failing(*words):
         monkeypatch.undo()
-        breaks = Step("", lambda: monkeypatch.setattr(atomic, "remove", readonly))
+        breaks = Step("", lambda: monkeypatch.setattr(atomic, "remove_for_good", readonly))
         return failure(transaction.intent(record, {"a": 1}, {}, *words), breaks, Step("", lambda: int("x"))).left
 
     assert failing() == [f"{record.path} (Read-only file system)"]
