@@ -117,14 +117,17 @@ def _judge_direct_connection(context: CheckContext) -> Judgement | None:
     good = all(host_of(publisher.uri) in called for publisher in publishers)
     found = ", ".join(publisher.uri or f"{publisher.node}, which is not registered here" for publisher in publishers)
     others = sorted({host_of(publisher.uri) or publisher.uri for publisher in publishers if publisher.uri} - called)
+    expected = f"the publisher is on {context.target}"
+    if good:
+        return Judgement(OK, expected, found)
     if others:
         broken = make_components(
             "environment", context.target, "shell", what=f"they call themselves {', '.join(others)}"
         )
     else:  # it is heard all the same if the other robot has registered the subscriber
         stage = stages.find_stage(stages.observe_exchange(context, context.topic.topic))
-        broken = frozenset() if good else stages.find_lacking(context, stage, context.topic.topic)
-    return Judgement(OK if good else FAILED, f"the publisher is on {context.target}", found, broken)
+        broken = stages.find_lacking(context, stage, context.topic.topic)
+    return Judgement(FAILED, expected, found, broken)
 
 
 # Throughput, if it is measured
