@@ -5,11 +5,16 @@
 
 import base64
 import contextlib
+import os
+import subprocess
+import sys
 import time
 import zlib
+from pathlib import Path
 
 import pytest
 from machines import virtual
+from machines.podman import ROOT
 from subject import Lab
 
 
@@ -54,6 +59,23 @@ class Machines(Lab):
     def set_clock(self, host):
         """Set the clock of a machine: its kernel read whole seconds at boot, so two machines may be a second apart."""
         self.run(host, f"date -s @{time.time():.3f} >/dev/null")
+
+    @contextlib.contextmanager
+    def controller(self, program, *words):
+        """A run of ansible or ansible-playbook, whose process the block gets; at its end all of it is killed."""
+        # A namespace ends with its first process: workers of ansible are in sessions of their own, and would go on.
+        words = [Path(sys.executable).with_name(program), "-i", self.inventory, "-i", self.connection, *words]
+        with subprocess.Popen(
+            ["unshare", "--pid", "--fork", "--kill-child", *words],
+            cwd=ROOT,
+            env={**os.environ, "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg")},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        ) as process:
+            try:
+                yield process
+            finally:
+                process.kill()
 
 
 @contextlib.contextmanager
