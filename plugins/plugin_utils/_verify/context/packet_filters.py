@@ -23,9 +23,20 @@ from ..components.component import Component
 from ..observe.observations import Observation
 
 GROUP, ROSCORE = "group", "roscore"
+LARGE, LARGE_SIZE = "large", 1500  # pings of so many bytes, the usual MTU
 ALL = "all"  # of a rule or a policy for packets of any kind
 # the word of a filter's mode -> the protocol of such packets
-TRAFFIC: Mapping[str, str] = {"icmp": "icmp", "udp": "udp", GROUP: "udp", "rpc": "tcp", ROSCORE: "tcp", "nodes": "tcp"}
+TRAFFIC: Mapping[str, str] = {
+    "icmp": "icmp",
+    LARGE: "icmp",
+    "udp": "udp",
+    GROUP: "udp",
+    "rpc": "tcp",
+    ROSCORE: "tcp",
+    "nodes": "tcp",
+}
+
+MODES: Mapping[str, str] = {LARGE: "icmp"}  # where the word of a filter's mode is another one
 
 
 class ReadFilters:
@@ -100,7 +111,7 @@ class ReadFilters:
             return Component.from_pair("filter", "pair", sender, target)
         if rule.chain == FORWARD:
             return self._name_filter(rule, where, "forward", TRAFFIC[traffic].upper() if rule.protocol else "")
-        mode = traffic if rule.protocol else ALL
+        mode = MODES.get(traffic, traffic) if rule.protocol else ALL
         return self._name_filter(rule, where, mode if failed is way.back else f"{mode} {rule.chain}")
 
     def _trace_datagram(self, sender: str, target: str) -> Component | None:
@@ -122,8 +133,8 @@ class ReadFilters:
     def make_packet(self, member: Member, traffic: str) -> Packet:
         """Make a packet of a kind to a member of the fleet."""
         protocol = TRAFFIC[traffic]
-        if traffic == "icmp":
-            return Packet(protocol, member.address)
+        if protocol == "icmp":
+            return Packet(protocol, member.address, size=LARGE_SIZE if traffic == LARGE else Packet.size)
         if traffic == "udp":
             return Packet(protocol, self._address(member.name), port=self._fleet.multicast_port)
         if traffic == "rpc":

@@ -63,7 +63,7 @@ def _by_row(find: Callable[[Scene, OpenRow], Components]) -> Callable[[Scene, st
 def _find_drop(scene: Scene, one: OpenRow) -> Components:
     """Find the packet filter with a rule that drops the failed packets of a check."""
     verification = scene.verification
-    trip = find_trip(verification, one.row) if verification.checks[one.row.check].carries else None
+    trip = find_trip(verification, one.row)
     component = trip and verification.state.filters.find_drop(trip.sender, trip.target, trip.traffic)
     return NOTHING if component is None else frozenset({component})
 

@@ -31,7 +31,7 @@ class TracedProbe:
     number: int
     sender: str
     target: str
-    traffic: str  # the kind of packets that failed: a word of packet_filters.TRAFFIC, or `large`
+    traffic: str  # the kind of packets that failed: a word of packet_filters.TRAFFIC
     protocol: str
     address: str
     port: int = 0

@@ -26,7 +26,6 @@ MOST_HOPS = 16
 NAMED = 6  # counters that a sentence names
 REQUEST, ANSWER, ERROR, ARP = "request", "answer", "error", "arp"
 ONE_HOST = re.compile(r"[0-9a-f][02468ace](:[0-9a-f]{2}){5}")  # a hardware address of no group
-LARGE = "large"  # the traffic of an echo request as large as the usual MTU
 # Type and code of ICMP (RFC 792): the datagram has arrived. For a connection, a packet filter says so.
 CLOSED_PORT = 3, 3
 
@@ -34,7 +33,7 @@ CLOSED_PORT = 3, 3
 class Trip(NamedTuple):
     """A kind of packets from a computer to another one."""
 
-    traffic: str  # a word of packet_filters.TRAFFIC, or LARGE
+    traffic: str  # a word of packet_filters.TRAFFIC
     sender: str
     target: str
 

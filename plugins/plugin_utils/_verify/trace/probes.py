@@ -13,13 +13,12 @@ from itertools import zip_longest
 
 from ..checks.engine import FAILED, WARNING, Row, Verification
 from ..components.component import Component
-from ..context.packet_filters import GROUP, ROSCORE, TRAFFIC
+from ..context.packet_filters import GROUP, LARGE, LARGE_SIZE, ROSCORE, TRAFFIC
 from ..observe.packet_trace import TracedProbe
-from .place import LARGE, Trip
+from .place import Trip
 
-MTU = 1500
 MOST = 12  # probes of one run
-# The check of large packets has no word of packet_filters.TRAFFIC, since no rule selects packets by their size.
+# The check of large packets: an error of it says nothing of the size, so it has no `carries`.
 KINDS: Mapping[str, str] = {"ping_large": LARGE}
 
 
@@ -71,7 +70,7 @@ def _list_ways(verification: Verification, rows: Iterable[Row]) -> list[Trip]:
 
 def _make_probe(verification: Verification, number: int, trip: Trip) -> TracedProbe:
     fleet, member = verification.fleet, verification.ways.members[trip.target]
-    packet = verification.state.filters.make_packet(member, "icmp" if trip.traffic == LARGE else trip.traffic)
+    packet = verification.state.filters.make_packet(member, trip.traffic)
     own = verification.ways.members.get(trip.sender)
     grouped = trip.traffic == GROUP
     return TracedProbe(
@@ -79,10 +78,10 @@ def _make_probe(verification: Verification, number: int, trip: Trip) -> TracedPr
         sender=trip.sender,
         target=trip.target,
         traffic=trip.traffic,
-        protocol=TRAFFIC.get(trip.traffic, "icmp"),
+        protocol=TRAFFIC[trip.traffic],
         address=str(fleet.multicast_group if grouped else packet.destination),
         port=fleet.multicast_port if grouped else packet.port,
-        size=MTU if trip.traffic == LARGE else 0,
+        size=LARGE_SIZE if trip.traffic == LARGE else 0,
         interface_address=str(own.discovery_address) if grouped and own else "",
     )
 

@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 from ..components.component import Component
 from ..context.errors import PROGRAMS, list_own_components
+from ..context.packet_filters import LARGE
 from ..observe.packet_trace import SeenPackets
-from .place import LARGE, LossPlace, TraceStage
+from .place import LossPlace, TraceStage
 
 # Where a component is: at the place, at the next computer, or a network between them
 AT, NEXT, BETWEEN = "at", "next", "between"

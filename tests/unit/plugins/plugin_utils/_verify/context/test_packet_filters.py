@@ -127,6 +127,17 @@ CASES = [
         "icmp",
         None,
     ),
+    # Large pings, and a rule for large packets
+    ({"tibi_nav": chain("output", drop(above=800))}, INNER, OTHER, "large", Component("filter", INNER, "all out")),
+    ({"tibi_nav": chain("output", drop(above=800))}, INNER, OTHER, "icmp", None),
+    ({"tibi_nav": chain("output", drop(above=1500))}, INNER, OTHER, "large", None),
+    (
+        {"tibi_nav": chain("input", drop(protocol="icmp", above=800))},
+        OTHER,
+        INNER,
+        "large",
+        Component("filter", INNER, "icmp in"),
+    ),
     # A rule that is not understood may let it pass before.
     ({"tibi_nav": chain("input", drop(protocol="icmp"), unread=1)}, OTHER, INNER, "icmp", None),
     # What makes no sense is left out.
