@@ -14,7 +14,7 @@ from .._base.commands import text
 from .._base.plain_text import plain
 
 ESTABLISHED, LISTEN = "01", "0A"  # include/net/tcp_states.h
-_UNIT = re.compile(r"[^/]+\.(?:service|scope|socket)")
+_UNIT = re.compile(r"(?<![^/])[^/]+\.(?:service|scope|socket)")  # from the beginning of a name: linear in a long one
 
 
 class Socket(typing.NamedTuple):
