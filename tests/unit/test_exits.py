@@ -7,6 +7,7 @@ into one of the two, or the first test fails.
 """
 
 import ast
+import functools
 import io
 import logging
 import pathlib
@@ -81,6 +82,7 @@ DOORS = {
 }
 
 
+@functools.cache  # a tree is asked for each way
 def ways_out(path):
     """The ways out that a file uses."""
     found = set()

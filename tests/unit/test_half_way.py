@@ -285,7 +285,8 @@ def test_a_call_that_fails_leaves_the_old_or_the_new_state(make, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "ends"),
-    [(kind, False) for kind in PLACES]
+    [(kind, False) for kind in (Files, Sysctl, Key)]
+    + [pytest.param(kind, False, marks=pytest.mark.costly) for kind in (Hosts, MountedHosts, SysctlOnTrial, Tunnel)]
     + [pytest.param(kind, True, marks=pytest.mark.costly) for kind in (SysctlOnTrial, Tunnel)]
     + [(Key, True)],
 )

@@ -18,6 +18,7 @@ def cases():
     return list(costs.list_cases(len(costs.faults.FAULTS)))
 
 
+@pytest.mark.costly
 def test_no_change_moves_nothing(cases):
     assert list(costs.find_moves(LINK_DOWN, 0.0, cases)) == []
 

@@ -79,7 +79,8 @@ def test_roots_own_set_up_reaches_root(tree):
 
 @as_root
 @pytest.mark.parametrize(
-    "value", ["../home/x.conf", "x.conf", "//tmp/rosfleet-missing.conf", "/usr/x:y/z", 'a" LD_PRELOAD=/tmp/x.so "', "a\\"]
+    "value",
+    ["../home/x.conf", "x.conf", "//tmp/rosfleet-missing.conf", "/usr/x:y/z", 'a" LD_PRELOAD=/tmp/x.so "', "a\\"],
 )
 def test_root_gets_no_value_that_means_what_others_can_change(tree, value):
     found = reach(tree, ROS_PYTHON_LOG_CONFIG_FILE=value, ROS_DISTRO="noetic", ROS_MASTER_URI="http://a-b:11311/")

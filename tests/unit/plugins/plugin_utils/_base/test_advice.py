@@ -13,7 +13,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import advice
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import HANDS, INVENTORY
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FAULTS, Component
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 TREE = pathlib.Path(__file__).resolve().parents[5] / "plugins/plugin_utils"
@@ -101,6 +101,7 @@ def test_the_rule_between_networks_names_each_at_both_ends_in_their_order():
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS, ids="-".join)
 @given(what=st.text(min_size=1) | hostile("what"))
+@settings(max_examples=20)  # of each finding
 def test_a_remedy_holds_no_name_of_others_but_as_one_word(fault, what):
     good, part = Component(fault[0], "robot1", fault[1], "good"), Component(fault[0], "robot1", fault[1], what)
     for one, told in zip((*good.do(), *good.look()), (*part.do(), *part.look()), strict=True):

@@ -22,7 +22,7 @@ ON_ROBOTS = sorted(
     for path in MODULES.glob("*.py")
     if not path.stem.startswith("fleet_") and (ROOT / "plugins" / "action" / path.name).exists()
 )
-CASES = 60  # for each module
+CASES = 30  # for each module
 
 
 def text_of(module):

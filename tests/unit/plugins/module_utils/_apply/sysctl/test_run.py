@@ -882,7 +882,7 @@ def in_namespace(namespace, program, *arguments):
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment).stdout)
 
 
-@pytest.mark.slow
+@pytest.mark.costly
 @as_root
 def test_kernel_does_beside_every_key_what_the_table_says(namespace):
     subprocess.run([*namespace.prefix, "ip", "link", "add", "eth1", "type", "bridge"], check=True)
