@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from ipaddress import IPv4Network
 
 from .plain_text import LONGEST
@@ -51,12 +51,32 @@ def command(words: str, *values: tuple[str, object]) -> str:
 
 
 def accept_between(networks: Iterable[IPv4Network], chain: str) -> str:
-    """Make the command that puts first into a chain of nft a rule that accepts all packets between these networks.
+    """Make the command that puts first into a chain of nft the rules that accept all packets between these networks.
 
     Empty if the chain has another form.
     """
-    among = f"{{{{ {', '.join(map(str, sorted(networks)))} }}}}"
-    return command(f"nft insert rule {{}} ip saddr {among} ip daddr {among} accept", ("chain", chain))
+    ordered = sorted(networks)
+    rule = command("nft insert rule {} ip saddr $from ip daddr $to accept", ("chain", chain))
+    return _repeat("from", ordered, _repeat("to", ordered, rule))
+
+
+def accept_at(end: str, networks: Iterable[IPv4Network], match: str, chain: str) -> str:
+    """Make the command that puts first into a chain of nft the rules that accept packets with this match (of nft, "" for all packets).
+
+    `end` of the packets, saddr or daddr, is in one of the networks. Empty if the chain has another form.
+    """
+    rule = " ".join(filter(None, (f"nft insert rule {{}} ip {end} $net", match, "accept")))
+    return _repeat("net", sorted(networks), command(rule, ("chain", chain)))
+
+
+def _repeat(name: str, networks: Sequence[IPv4Network], words: str) -> str:
+    """Repeat a command for each network, which is the variable of this name in it.
+
+    Each rule has one network: iptables-save leaves a set of them out of its rule, which then accepts the packets of everybody.
+    """
+    if not words or len(networks) == 1:
+        return words.replace(f"${name}", "".join(map(str, networks)))
+    return f"for {name} in {' '.join(map(str, networks))}; do {words}; done"
 
 
 def format_value(form: str, text: str) -> str:

@@ -195,14 +195,8 @@ def _accept_before(component: Component, origin: str, networks: Iterable[IPv4Net
     if "{what}" in match and not port:
         return ""
     end = "daddr" if direction == "out" and "daddr" not in match else "saddr"
-    among = f"ip {end} {{{{ {', '.join(map(str, networks))} }}}}"
-    rules = (
-        advice.command(
-            " ".join(filter(None, ("nft insert rule {}", among, one.format(what=port), "accept"))), ("chain", origin)
-        )
-        for one in _list_ways_of_port(match, direction)
-    )
-    return "; ".join(filter(None, rules))
+    matches = (one.format(what=port) for one in _list_ways_of_port(match, direction))
+    return "; ".join(filter(None, (advice.accept_at(end, networks, one, origin) for one in matches)))
 
 
 def _list_ways_of_port(match: str, direction: str) -> tuple[str, ...]:
@@ -364,7 +358,7 @@ def make_commands(components: Sequence[Component], computer: Participant | None,
         return ()
     words = "; ".join(filter(None, dict.fromkeys(found(computer, components, state))))
     effects = (
-        UNTIL if words.startswith(("nft ", "iptables ")) else "",
+        UNTIL if "nft insert " in words or words.startswith("iptables ") else "",
         PACKAGE if CONNTRACK in words else "",
         HANGS if words.startswith("kill -CONT ") else "",
     )

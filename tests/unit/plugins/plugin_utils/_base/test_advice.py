@@ -7,11 +7,13 @@ import ast
 import pathlib
 import re
 import shlex
+import subprocess
 from ipaddress import IPv4Network
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base import advice
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import HANDS, INVENTORY
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.filters import DROPPED
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FAULTS, Component
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -90,12 +92,32 @@ def test_what_has_not_its_form_makes_no_command(value):
     assert advice.command("ip address del {}/24", ("address", value)) == ""
 
 
-def test_the_rule_between_networks_names_each_at_both_ends_in_their_order():
-    networks = [IPv4Network("192.168.20.0/24"), IPv4Network("192.168.1.0/24")]
-    made = advice.accept_between(networks, "ip nat POSTROUTING")
-    both = "{ 192.168.1.0/24, 192.168.20.0/24 }"
-    assert made == f"nft insert rule ip nat POSTROUTING ip saddr {both} ip daddr {both} accept"
-    assert advice.accept_between(networks, "ip nat POST;reboot") == ""
+TWO = [IPv4Network("192.168.20.0/24"), IPv4Network("192.168.1.0/24")]
+
+
+def test_the_rules_between_networks_have_each_at_both_ends_in_their_order():
+    made, nets = advice.accept_between(TWO, "ip nat POSTROUTING"), "192.168.1.0/24 192.168.20.0/24"
+    rule = "nft insert rule ip nat POSTROUTING ip saddr $from ip daddr $to accept"
+    assert made == f"for from in {nets}; do for to in {nets}; do {rule}; done; done"
+    assert advice.accept_between(TWO, "ip nat POST;reboot") == ""
+    assert advice.accept_at("daddr", TWO[:1], "", "ip t c") == "nft insert rule ip t c ip daddr 192.168.20.0/24 accept"
+
+
+@pytest.mark.root
+@pytest.mark.parametrize("match", sorted({one.match.format(what=11311) for one in DROPPED.values()}))
+def test_iptables_saves_and_loads_the_rules_with_their_networks(match, tmp_path):
+    """A chain of iptables is saved at the next boot, or by the next program that has a rule: iptables-save prints no set of nft."""
+    inserted = [
+        advice.accept_at("saddr", TWO, match, "ip filter INPUT"),
+        advice.accept_between(TWO, "ip nat POSTROUTING"),
+    ]
+    script = "iptables -P INPUT DROP; iptables -t nat -A POSTROUTING -j MASQUERADE; {}; iptables-save > $0; iptables-restore < $0; iptables-save"
+    run = ["unshare", "--net", "sh", "-ec", script.format("; ".join(inserted)), str(tmp_path / "saved")]
+    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    accepting = [line for line in done.stdout.splitlines() if line.endswith("-j ACCEPT")]
+    own = [line for line in accepting if line.startswith("-A INPUT -s 192.168.")]
+    between = [line for line in accepting if re.match(r"-A POSTROUTING -s 192[0-9./]+ -d 192[0-9./]+ ", line)]
+    assert (len(own), len(between), len(accepting)) == (2, 4, 6), done.stdout
 
 
 @pytest.mark.slow

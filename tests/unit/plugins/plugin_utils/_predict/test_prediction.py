@@ -88,12 +88,14 @@ def _add_route(name, destination, kind):
     return change(WORLD, name, routes=(route, *WORLD.machines[name].routes))
 
 
-NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24 }"
-LETS_PASS = f"ip saddr {NETS} ip daddr {NETS} accept"
+NETS = "192.168.1.0/24 192.168.10.0/24 192.168.11.0/24"
+LETS_PASS = (
+    f"for from in {NETS}; do for to in {NETS}; do nft insert rule {{}} ip saddr $from ip daddr $to accept; done; done"
+)
 # A change, the finding, the place of its remedy, and the remedy: what was read there is in it.
 REMEDIES = {
-    "filter": (TOLD["filter"][0], "RF-709", "tibi-visio", f"nft insert rule ip t0 own_forward {LETS_PASS}"),
-    "masquerading": (TOLD["masquerading"][0], "RF-716", "tibi-visio", f"nft insert rule ip t0 own_nat {LETS_PASS}"),
+    "filter": (TOLD["filter"][0], "RF-709", "tibi-visio", LETS_PASS.format("ip t0 own_forward")),
+    "masquerading": (TOLD["masquerading"][0], "RF-716", "tibi-visio", LETS_PASS.format("ip t0 own_nat")),
     "own interface": (TOLD["interface"][0], "RF-706", "tibi-visio", "ip link set dev eth1 up"),
     "its interface": (change_interface(WORLD, "kobuki", "eth0", up=False), "RF-706", "kobuki", "ip link set dev eth0 up"),
     "blackhole": (_add_route("tibi-nav", "192.168.10.0/25", "blackhole"), "RF-702", "tibi-nav", "ip route del blackhole 192.168.10.0/25"),

@@ -11,11 +11,16 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.fact
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.model import Rule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import Verification
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.table import CHECKS
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import FAULTS, Component
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import (
+    FAULTS,
+    RULED,
+    Component,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import (
     COMMANDS,
     CONNTRACK,
     STEPWISE,
+    UNTIL,
     make_commands,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
@@ -149,7 +154,12 @@ def test_what_is_to_be_pasted(change, component, expected):
     assert told(change, *component) == (f"on {NAME}: {expected}" if expected else "")
 
 
-NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24, 192.168.12.0/24 }"
+NETS = "192.168.1.0/24 192.168.10.0/24 192.168.11.0/24 192.168.12.0/24"
+
+
+def let_in(rule):
+    """The command for a rule of each network."""
+    return f"for net in {NETS}; do nft insert rule {rule}; done"
 
 
 @pytest.mark.parametrize(
@@ -159,23 +169,22 @@ NETS = "{ 192.168.1.0/24, 192.168.10.0/24, 192.168.11.0/24, 192.168.12.0/24 }"
             "roscore in",
             "11311",
             "inet own input",
-            f"nft insert rule inet own input ip saddr {NETS} tcp dport 11311 accept",
+            let_in("inet own input ip saddr $net tcp dport 11311 accept"),
         ),
-        ("rpc in", "", "inet own input", f"nft insert rule inet own input ip saddr {NETS} tcp dport 11611 accept"),
-        ("nodes out", "", "ip own out", f"nft insert rule ip own out ip daddr {NETS} tcp dport 1024-65535 accept"),
-        ("all in", "", "inet own input", f"nft insert rule inet own input ip saddr {NETS} accept"),
+        ("rpc in", "", "inet own input", let_in("inet own input ip saddr $net tcp dport 11611 accept")),
+        ("nodes out", "", "ip own out", let_in("ip own out ip daddr $net tcp dport 1024-65535 accept")),
+        ("all in", "", "inet own input", let_in("inet own input ip saddr $net accept")),
         # the answers of a roscore come from its port
         (
             "roscore",
             "11311",
             "inet own out",
-            f"nft insert rule inet own out ip saddr {NETS} tcp dport 11311 accept; "
-            f"nft insert rule inet own out ip saddr {NETS} tcp sport 11311 accept",
+            "; ".join(let_in(f"inet own out ip saddr $net tcp {port} 11311 accept") for port in ("dport", "sport")),
         ),
         # what goes to the group has the fleet at its source alone
-        ("group out", "", "ip own out", f"nft insert rule ip own out ip saddr {NETS} ip daddr 224.0.0.0/4 accept"),
+        ("group out", "", "ip own out", let_in("ip own out ip saddr $net ip daddr 224.0.0.0/4 accept")),
         ("group out", "", "ip filter ufw-user-output", "ufw allow out to 224.0.0.0/4"),
-        ("forward", "TCP", "inet own forward", f"nft insert rule inet own forward ip saddr {NETS} accept"),
+        ("forward", "TCP", "inet own forward", let_in("inet own forward ip saddr $net accept")),
         ("all in", "", "ip filter ufw-user-input", "ufw allow from 192.168.1.0/24; "),
         ("forward", "", "ip filter DOCKER-USER", "iptables -I DOCKER-USER -s 192.168.1.0/24 -j ACCEPT; "),
         (
@@ -196,6 +205,18 @@ def test_the_fleet_is_let_in_before_the_rule_that_drops(mode, what, origin, word
     run.state.filters.rules[component] = Rule("in", "drop", origins=(origin,))
     commands = make_commands([component], run.run[NAME], run.state)
     assert (commands[0].text if commands else "").startswith(words) and bool(commands) == bool(words)
+
+
+@pytest.mark.parametrize("mode", sorted(mode for _kind, mode in RULED))
+def test_no_told_rule_has_a_set(mode):
+    """In a chain of iptables a set is lost when iptables-save writes the rule down: it accepts the packets of everybody then."""
+    fleet = fig12()
+    run = Verification(CHECKS, fleet, observed(fleet))
+    component = Component("filter", NAME, mode, "11311")
+    run.state.filters.rules[component] = Rule("in", "drop", origins=("ip filter INPUT",))
+    (advice,) = make_commands([component], run.run[NAME], run.state)
+    assert "nft insert rule ip filter INPUT ip " in advice.text and "{" not in advice.text
+    assert advice.effect == UNTIL
 
 
 def test_a_policy_that_drops_has_its_chain():
@@ -231,7 +252,7 @@ def test_without_nft_the_fleet_is_let_in_by_iptables(mode, what, words):
     update(seen[NAME], filters=FilterChains(False, ()))
     run = Verification(CHECKS, fleet, seen)
     commands = make_commands([Component("filter", NAME, mode, what)], run.run[NAME], run.state)
-    networks = NETS.strip("{} ").replace(", ", ",")
+    networks = NETS.replace(" ", ",")
     assert [one.text for one in commands] == ([words.format(networks)] if words else [])
 
 
@@ -241,7 +262,7 @@ def test_without_nft_the_fleet_is_let_in_by_iptables(mode, what, words):
         (
             "roscore in",
             (("input", "inet own", 1, "one"),),
-            f"nft insert rule inet own one ip saddr {NETS} tcp dport 11311 accept",
+            let_in("inet own one ip saddr $net tcp dport 11311 accept"),
         ),
         ("roscore in", (("input", "inet own", 0, "one"), ("output", "inet own", 1, "two")), ""),
         (
@@ -249,7 +270,7 @@ def test_without_nft_the_fleet_is_let_in_by_iptables(mode, what, words):
             (("input", "inet own", 1, "one"), ("input", "inet other", 1, "one")),
             "",
         ),  # which of them is not known
-        ("forward", (("forward", "ip own", 2, "one"),), f"nft insert rule ip own one ip saddr {NETS} accept"),
+        ("forward", (("forward", "ip own", 2, "one"),), let_in("ip own one ip saddr $net accept")),
         ("roscore in", (("input", "inet own", 1, "one; reboot"),), ""),
     ],
 )
@@ -271,7 +292,11 @@ def masquerading(**values):
 @pytest.mark.parametrize(
     ("chains", "words"),
     [
-        ((masquerading(),), f"nft insert rule inet own post ip saddr {NETS} ip daddr {NETS} accept; {CONNTRACK}"),
+        (
+            (masquerading(),),
+            f"for from in {NETS}; do for to in {NETS}; do "
+            f"nft insert rule inet own post ip saddr $from ip daddr $to accept; done; done; {CONNTRACK}",
+        ),
         ((FilterChain("forward", "inet own"),), CONNTRACK),  # no rule is left
         ((masquerading(unread=1),), ""),
         ((masquerading(chain="a; reboot"),), ""),
