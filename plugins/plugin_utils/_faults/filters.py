@@ -12,6 +12,7 @@ from .fault import ALWAYS, Fault, Key, hand, on, site
 
 RULES = on("nft -a list ruleset; iptables -S")
 FORWARDED = on("nft -a list ruleset; iptables -S FORWARD")
+LARGE = "large"  # the mode of a rule for the size of packets
 
 
 class Dropped(NamedTuple):
@@ -25,7 +26,7 @@ class Dropped(NamedTuple):
     more: float = 0.0  # its extra cost, compared with the others
 
 
-#: mode -> its packets. {what} is a port.
+#: mode -> its packets. {what} is a port, or a size in bytes.
 DROPPED: Mapping[str, Dropped] = {
     "icmp": Dropped(31, "ICMP", "meta l4proto icmp", "-p icmp"),
     "udp": Dropped(32, "packets for UDP port {what}", "udp dport {what}", "-p udp --dport {what}", "11511"),
@@ -38,6 +39,9 @@ DROPPED: Mapping[str, Dropped] = {
     ),
     "nodes": Dropped(36, "connections to the TCP ports of nodes", "tcp dport 1024-65535", "-p tcp --dport 1024:65535"),
     "all": Dropped(37, "packets that no rule of it lets pass", "", "", more=0.3),
+    LARGE: Dropped(
+        38, "packets of more than {what} bytes", "meta length > {what}", "-m length --length {what}:65535", "1400", 0.5
+    ),
 }
 #: direction in the mode -> the last digit of the id, the word in a sentence, the extra cost
 DIRECTIONS: Mapping[str, tuple[int, str, float]] = {
@@ -54,6 +58,7 @@ ACCEPTED: Mapping[str, str] = {
     "roscore": "TCP port {what}",
     "nodes": "TCP ports 1024 to 65535",
     "all": "ICMP, UDP port 11511 and TCP ports 1024 to 65535",
+    LARGE: "packets of any size",
 }
 MAKERS = "in the program that makes its rules, such as ufw, firewalld, Docker or nftables.conf"
 

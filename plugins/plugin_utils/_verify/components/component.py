@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..._faults.fault import Advices, Fault
-from ..._faults.filters import DROPPED, RULED
+from ..._faults.filters import DROPPED, LARGE, RULED
 from ..._faults.table import FAULTS, HOOKS
 
 __all__ = ("ANY", "FAULTS", "FOLLOWS", "HEARSAY", "RULED", "Component")
@@ -112,8 +112,10 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
             ("filter", more) for more in (mode, f"all {way}", "all") if more != f"{mode} {way}"
         )
         for mode in DROPPED
+        if mode != LARGE  # a rule for the size is not the one that drops other packets, too
         for way in ("in", "out")
     },
+    **{("filter", f"{LARGE} {way}"): (("filter", LARGE),) for way in ("in", "out")},
     ("sync", "untold"): (*STANDSTILL, ("sync", "dead")),
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),

@@ -15,6 +15,7 @@ from functools import cached_property
 from ipaddress import IPv4Address
 
 from ..._base.plain import to_plain
+from ..._faults.filters import LARGE
 from ..._network import facts, packets, plan_world, policy
 from ..._network.model import FORWARD, IN, NAT, NO_WAY, OUT, Interface, Lookup, Machine, Packet, Rule, World
 from ..._plan.model import FleetPlan, Member
@@ -23,7 +24,7 @@ from ..components.component import Component
 from ..observe.observations import Observation
 
 GROUP, ROSCORE = "group", "roscore"
-LARGE, LARGE_SIZE = "large", 1500  # pings of so many bytes, the usual MTU
+LARGE_SIZE = 1500  # bytes of the large pings, the usual MTU
 ALL = "all"  # of a rule or a policy for packets of any kind
 # the word of a filter's mode -> the protocol of such packets
 TRAFFIC: Mapping[str, str] = {
@@ -78,6 +79,11 @@ class ReadFilters:
         self.rules.setdefault(component, rule)
         return component
 
+    def _name_end(self, rule: Rule, place: str, mode: str, direction: str) -> Component:
+        """Name the filter of a rule at an end of the way; `direction` is empty for both. A rule for a size has a mode of its own."""
+        mode, what = (LARGE, str(rule.above)) if rule.above else (mode, "")
+        return self._name_filter(rule, place, f"{mode} {direction}".strip(), what)
+
     def lets_pass(self, component: Component) -> bool:
         """Return True if all rules at the place of a filter were understood, in the chains that would drop the packet."""
         seen = self._observations.get(component.place)
@@ -110,9 +116,9 @@ class ReadFilters:
         if _is_for_one_pair(rule):
             return Component.from_pair("filter", "pair", sender, target)
         if rule.chain == FORWARD:
-            return self._name_filter(rule, where, "forward", TRAFFIC[traffic].upper() if rule.protocol else "")
+            return self._name_filter(rule, where, "forward", _describe_forwarded(rule, traffic))
         mode = MODES.get(traffic, traffic) if rule.protocol else ALL
-        return self._name_filter(rule, where, mode if failed is way.back else f"{mode} {rule.chain}")
+        return self._name_end(rule, where, mode, "" if failed is way.back else rule.chain)
 
     def _trace_datagram(self, sender: str, target: str) -> Component | None:
         """Return the filter at one of the two ends that drops a datagram to the group."""
@@ -127,7 +133,7 @@ class ReadFilters:
         for machine, chain, rule in ends:
             if rule is not None and chain not in machine.unclear:
                 mode = GROUP if rule.destinations else "udp" if rule.protocol else ALL
-                return self._name_filter(rule, machine.name, f"{mode} {chain}")
+                return self._name_end(rule, machine.name, mode, chain)
         return None
 
     def make_packet(self, member: Member, traffic: str) -> Packet:
@@ -201,6 +207,14 @@ def _read_names(machine: Machine, seen: Observation) -> dict[str, str]:
     return {
         name: next((real[address] for address in addresses if address in real), name) for name, addresses in own.items()
     }
+
+
+def _describe_forwarded(rule: Rule, traffic: str) -> str:
+    """Name the packets that a rule for forwarded ones drops; empty for all of them."""
+    protocol = TRAFFIC[traffic].upper() if rule.protocol else ""
+    if rule.above:
+        return " ".join(filter(None, (protocol, f"packets of more than {rule.above} bytes")))
+    return protocol
 
 
 def _is_for_one_pair(rule: Rule) -> bool:

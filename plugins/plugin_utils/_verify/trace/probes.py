@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 
+from ..._faults.filters import LARGE
 from ..checks.engine import FAILED, WARNING, Row, Verification
 from ..components.component import Component
-from ..context.packet_filters import GROUP, LARGE, LARGE_SIZE, ROSCORE, TRAFFIC
+from ..context.packet_filters import GROUP, LARGE_SIZE, ROSCORE, TRAFFIC
 from ..observe.packet_trace import TracedProbe
 from .place import Trip
 

@@ -14,9 +14,9 @@ import re
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+from ..._faults.filters import LARGE
 from ..components.component import Component
 from ..context.errors import PROGRAMS, list_own_components
-from ..context.packet_filters import LARGE
 from ..observe.packet_trace import SeenPackets
 from .place import LossPlace, TraceStage
 

@@ -128,7 +128,13 @@ CASES = [
         None,
     ),
     # Large pings, and a rule for large packets
-    ({"tibi_nav": chain("output", drop(above=800))}, INNER, OTHER, "large", Component("filter", INNER, "all out")),
+    (
+        {"tibi_nav": chain("output", drop(above=800))},
+        INNER,
+        OTHER,
+        "large",
+        Component("filter", INNER, "large out", "800"),
+    ),
     ({"tibi_nav": chain("output", drop(above=800))}, INNER, OTHER, "icmp", None),
     ({"tibi_nav": chain("output", drop(above=1500))}, INNER, OTHER, "large", None),
     (
@@ -136,7 +142,22 @@ CASES = [
         OTHER,
         INNER,
         "large",
-        Component("filter", INNER, "icmp in"),
+        Component("filter", INNER, "large in", "800"),
+    ),
+    (
+        {"tibi_nav": chain("output", drop(above=800))},
+        OTHER,
+        INNER,
+        "large",
+        Component("filter", INNER, "large", "800"),
+    ),
+    ({"tibi_nav": chain("input", drop(protocol="icmp"))}, OTHER, INNER, "large", Component("filter", INNER, "icmp in")),
+    (
+        {"tibi_visio": chain("forward", drop(above=800))},
+        OTHER,
+        INNER,
+        "large",
+        Component("filter", GATE, "forward", "packets of more than 800 bytes"),
     ),
     # A rule that is not understood may let it pass before.
     ({"tibi_nav": chain("input", drop(protocol="icmp"), unread=1)}, OTHER, INNER, "icmp", None),

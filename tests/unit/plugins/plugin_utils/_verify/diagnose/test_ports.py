@@ -13,7 +13,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     FilterRule,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
-from fleets import ONE, TWO, components, diagnose, observed, plan, update
+from fleets import ONE, TWO, components, diagnose, no_answer, observed, plan, update
 
 PORTS = {"multimaster_multicast_port": 12000, "multimaster_rpc_port": 12611, "multimaster_roscore_port": 12311}
 
@@ -56,3 +56,24 @@ def test_the_sentence_and_the_command_have_the_port_of_the_fleet():
     assert "12611" in entry.sentence() and "11611" not in entry.sentence()
     (command, *_more) = [one.text for one in entry.do]
     assert command.startswith("nft insert rule inet own input") and "tcp dport 12611 accept" in command
+
+
+def test_a_rule_for_a_size_leaves_the_rule_for_a_port_its_own_finding_and_command():
+    fleet = plan()
+    seen = observed(fleet)
+    update(seen[ONE], filters=FilterChains(True, ()))
+    port = FilterRule("drop", protocol="tcp", ports=(11611, 11611), chain="a")
+    size = FilterRule("drop", above=1400, chain="b")
+    chains = tuple(FilterChain("input", "inet own", "accept", (rule,), 0, rule.chain) for rule in (port, size))
+    update(seen[TWO], filters=FilterChains(True, chains))
+    for entry in seen[ONE].probe.masters:
+        if entry.computer == TWO:
+            update(entry, open=False, error="timed out", outcome=Outcome.NO_ANSWER)
+    for entry in seen[ONE].probe.members:
+        if entry.name == TWO:
+            update(entry, ping_large=no_answer())
+    found = diagnose(fleet, seen)
+    assert {one[2] for one in components(found)} == {"rpc in", "large in"}
+    of_port, of_size = sorted(found.findings, key=lambda one: one.component.mode, reverse=True)
+    assert "more than 1400 bytes" in of_size.sentence() and "meta length > 1400 accept" in of_size.do[0].text
+    assert " inet own a " in of_port.do[0].text and " inet own b " in of_size.do[0].text
