@@ -15,11 +15,11 @@ from ipaddress import IPv4Network
 from ..._base import advice
 from ..._faults.fault import HANDS, Advice, Advices
 from ..._faults.filters import DROPPED, RULED, Dropped
-from ..._network.model import MASQUERADE
+from ..._network.model import ACCEPT, DROP, MASQUERADE, REJECT
 from ..checks.programs import describe_full
 from ..components.component import Component
 from ..context.check_context import FleetState, Participant
-from ..observe.observations import FilterChains, ServiceState
+from ..observe.observations import FilterChain, FilterChains, ServiceState
 from .node_remedies import list_remedies
 from .onset import MAKERS
 
@@ -174,9 +174,13 @@ def _accept_unread(filters: FilterChains | None, component: Component, networks:
         yield from _accept_first(component, networks)
         return
     hook = WAYS.get(component.mode.rpartition(" ")[2])
-    chains = [one for one in filters.chains if one.hook == hook and one.unread]
-    if len(chains) == 1:  # of several it is not known which
+    chains = [one for one in filters.chains if one.hook == hook and _may_drop(one)]
+    if len(chains) == 1 and chains[0].unread:  # of several it is not known which: what one accepts another one may drop
         yield _accept_before(component, f"{chains[0].table} {chains[0].chain}", networks)
+
+
+def _may_drop(chain: FilterChain) -> bool:
+    return bool(chain.unread) or chain.policy != ACCEPT or any(rule.verdict in (DROP, REJECT) for rule in chain.rules)
 
 
 def _find_dropped(component: Component) -> tuple[Dropped | None, str, str]:

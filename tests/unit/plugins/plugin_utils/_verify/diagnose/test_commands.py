@@ -284,6 +284,27 @@ def test_before_a_rule_that_is_not_understood_the_fleet_is_let_in(mode, chains, 
     assert [one.text for one in commands] == ([words] if words else [])
 
 
+FAIL2BAN = FilterChain("input", "inet f2b-table", "accept", (), 1, "f2b-chain")
+DOCKER_NAT = FilterChain("output", "ip nat", "accept", (), 1, "OUTPUT")
+
+
+@pytest.mark.parametrize(
+    ("mode", "unread", "other"),
+    [
+        ("roscore in", FAIL2BAN, FilterChain("input", "inet own", "drop", (), 0, "inp")),
+        ("roscore out", DOCKER_NAT, FilterChain("output", "inet own", "accept", (FilterRule("drop"),), 0, "out")),
+        ("roscore in", FAIL2BAN, FilterChain("input", "inet own", "accept", (FilterRule("reject"),), 0, "inp")),
+    ],
+)
+def test_beside_a_chain_that_may_drop_one_that_is_not_understood_gets_no_rule(mode, unread, other):
+    fleet = fig12()
+    seen = observed(fleet)
+    run = Verification(CHECKS, fleet, seen)
+    for chains, count in (((unread, other), 0), ((replace(other, policy="accept", rules=()), unread), 1)):
+        update(seen[NAME], filters=FilterChains(True, chains))
+        assert len(make_commands([Component("filter", NAME, mode)], run.run[NAME], run.state)) == count
+
+
 def masquerading(**values):
     rule = FilterRule("masquerade", leaving="eth0", chain=values.pop("chain", "post"))
     return FilterChain("postrouting", values.pop("table", "inet own"), "accept", (rule,), **values)
