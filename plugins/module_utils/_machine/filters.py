@@ -80,7 +80,9 @@ def chains(ruleset: Words) -> typing.List[Words]:
         policy = base.get("policy", "accept")
         table = f"{base['family']} {base['table']}"
         named = {"hook": base["hook"], "table": table, "policy": policy, "chain": base["name"]}
-        made.append(dict(named, rules=read.flat, unread=read.unread))
+        # Other words of a chain for addresses are those that translate a target, as Docker's: they drop nothing.
+        unread = 0 if base.get("type") == "nat" and base["hook"] != "postrouting" else read.unread
+        made.append(dict(named, rules=read.flat, unread=unread))
     return [chain for chain in made if chain["rules"] or chain["unread"] or chain["policy"] != "accept"]
 
 

@@ -119,6 +119,17 @@ def test_masquerading_of_iptables():
     )  # some versions of nft print the target of iptables as no verdict
 
 
+@pytest.mark.root
+def test_a_translated_target_as_of_docker_is_no_filter():
+    jump = "-m addrtype --dst-type LOCAL -j DOCKER"
+    lines = f"iptables -t nat -N DOCKER; iptables -t nat -A OUTPUT ! -d 127.0.0.0/8 {jump}; iptables -t nat -A DOCKER -p tcp --dport 80 -j DNAT --to 172.17.0.2"
+    own = "add table inet own; add chain inet own out { type filter hook output priority 0; }; add rule inet own out tcp dport 11311 drop"
+    assert [chain["table"] for chain in read(own, f"{lines}; nft -f -")] == ["inet own"]
+    dropping = HEAD + "add chain ip t c { type nat hook output priority 0; policy drop; }; "
+    (told,) = read(dropping + "add rule ip t c tcp dport 80 redirect to 8080")
+    assert (told["policy"], told["unread"]) == ("drop", 0)
+
+
 @pytest.mark.parametrize("output", [b"", b"[]", b"{}", b'{"nftables": [{"rule": {}}]}', b'{"nftables": 3}'])
 def test_a_strange_form_is_not_readable(output, monkeypatch):
     monkeypatch.setattr(filters, "run", lambda *_words, **_more: Answer(0, output, ""))
