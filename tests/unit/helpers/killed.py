@@ -20,7 +20,7 @@ def until(step):
             os.kill(os.getpid(), signal.SIGKILL)
         return step(*arguments, **options)
     return counted
-for name in ("write_by_rename", "remove", "make_folders", "remove_folder_if_empty"):
+for name in ("write_by_rename", "remove", "remove_for_good", "make_folders", "remove_folder_if_empty"):
     setattr(atomic, name, until(getattr(atomic, name)))
 """
 

@@ -6,9 +6,12 @@
 import errno
 import os
 import struct
+import subprocess
+import sys
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import atomic
+from killed import UNTIL
 
 ACL, DEFAULT = "system.posix_acl_access", "system.posix_acl_default"
 
@@ -89,3 +92,14 @@ def test_a_failure_names_the_file_and_not_its_neighbour(tmp_path, monkeypatch, c
     monkeypatch.undo()
     assert problem.value.filename == str(path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_can_be_killed_before_each_change_of_a_file():
+    """A change that is not among them is one before which no test kills a run."""
+    program = f"""{UNTIL}
+changes = {{"unlink", "rename", "mkdir", "rmdir"}}
+codes = {{name: getattr(one, "__code__", None) for name, one in vars(atomic).items()}}
+print([name for name, code in codes.items() if code and changes & set(code.co_names)])
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.stdout.strip(), ended.stderr) == ("[]", "")
