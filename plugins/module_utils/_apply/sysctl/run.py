@@ -389,6 +389,8 @@ class SysctlRun(ModuleRun):
             elif atomic.read_bytes(place) != content or (path == self.drop_in and self.wrong_mode is not None):
                 atomic.make_folders(os.path.dirname(place))
                 atomic.write_by_rename(place, content)
+        for path in sorted({RULES, *self.stored.get("drop_ins", [])}.difference(texts)):
+            atomic.sync_removal(self._place(path))  # a run that was killed may have removed it right before
         if texts[self.drop_in] is None:
             for folder in reversed(self.plan.interim.folders):
                 atomic.remove_folder_if_empty(folder)

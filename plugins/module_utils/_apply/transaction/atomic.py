@@ -122,8 +122,13 @@ def remove(path: str) -> None:
 
 def remove_for_good(path: str) -> None:
     """Remove a file, which a loss of power does not bring back; one that is gone already is no error. Raises OSError."""
-    with contextlib.suppress(FileNotFoundError):
-        os.unlink(path)
+    remove(path)
+    sync_removal(path)
+
+
+def sync_removal(path: str) -> None:
+    """Make the removal of a file survive a loss of power, also if a run that was killed has removed it. Raises OSError."""
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError):  # its folder is gone, too
         sync_folder(os.path.dirname(path))
 
 

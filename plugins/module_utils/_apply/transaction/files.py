@@ -13,6 +13,7 @@ place of a folder would lead it to another folder.
 """
 
 import contextlib
+import functools
 import hashlib
 import os
 import pathlib
@@ -413,6 +414,9 @@ class FilePlan:
         kept = {item.file.path: item.file for item in self.items if item.state != "foreign"}
         self.writes = [item.file for item in self.items if item.state in ("written", "edited")]
         self.removals = [path for path in sorted(bundle.owned) if path not in kept and bundle.states[path].kind]
+        # A run that was killed may have removed these right before: then a loss of power brings them back.
+        absent = {path for path, state in bundle.states.items() if not state.kind}
+        self.gone = sorted(absent.intersection(self.remembered.get("files", {})).difference(kept))
         self._refuse_obstacles()
         self.folders = folders = _plan_folders(bundle, kept, self.removals)
         self.changed = any([self.writes, self.removals, folders.rubbish, folders.made, folders.removed])
@@ -469,10 +473,14 @@ class FilePlan:
 
     def steps(self) -> typing.List[Step]:
         """The steps that carry out the plan, without its record."""
-        result = [removal(path, self.bundle.states[path]) for path in self.removals]
+        result = [*self._sync_steps(), *(removal(path, self.bundle.states[path]) for path in self.removals)]
         for file in self.writes:
             result += [_folders_for(file.path), self._write(file)]
         return [*result, Step("the remains", self._tidy)]
+
+    def _sync_steps(self) -> typing.List[Step]:
+        """The steps that come before the record forgets files that are gone."""
+        return [Step(path, functools.partial(atomic.sync_removal, path)) for path in self.gone]
 
     def _write(self, file: PlannedFile) -> Step:
         return Step(
@@ -490,7 +498,7 @@ class FilePlan:
 
     def steps_around(self, others: typing.Iterable[Step] = ()) -> typing.List[Step]:
         """The steps that carry out the plan, with its record, around other steps."""
-        begin = []
+        begin = self._sync_steps()
         if self.changed:
             begin = [intent(self.record, self.intent, self.remembered, RECORD_RESTORE_FAILURE), *self.steps()]
         return [*begin, *others, outcome(self.record, self.after)]

@@ -39,6 +39,19 @@ def killed_at():
 
 
 @pytest.fixture
+def synced(monkeypatch):
+    """The files and folders that fsync(2) has written, in their order."""
+    paths, real = [], os.fsync
+
+    def fsync(descriptor):
+        real(descriptor)
+        paths.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    return paths
+
+
+@pytest.fixture
 def ros(tmp_path):
     """An environment whose ROS commands are small scripts."""
     tmp_path.chmod(0o755)

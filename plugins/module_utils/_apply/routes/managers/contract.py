@@ -111,8 +111,7 @@ class BackEnd:
         path = self.machine.path(place)
         if content is None:
             atomic.remove_leftovers(path)
-            if os.path.lexists(path):
-                atomic.remove_for_good(path)
+            atomic.remove_for_good(path)
         else:
             atomic.write_by_rename(path, content.encode("utf-8"), mode=self.mode)
 

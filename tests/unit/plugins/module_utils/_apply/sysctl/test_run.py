@@ -359,6 +359,18 @@ def test_a_new_name_of_the_drop_in_moves_it(machine):
     assert not machine.records.exists()
 
 
+def test_what_a_killed_run_removed_is_gone_for_good_before_the_record_forgets_it(machine, synced):
+    machine.write(RULES, "")
+    machine.write("/etc/sysctl.d/10-other.conf", "")
+    machine.run(REPORT)
+    machine.drop_in.unlink()
+    (machine.root / RULES[1:]).unlink()
+    synced.clear()
+    sysctl.SysctlRun(machine.options([])).apply()
+    folders = [str(path.parent) for path in (machine.drop_in, machine.root / RULES[1:])]
+    assert synced == [*folders, str(machine.records)]
+
+
 @pytest.mark.parametrize("option", ["root", "proc", "records"])
 def test_a_relative_folder_is_named(option):
     options = dict({"settings": [], "drop_in": DROP_IN, "root": "/r", "proc": "/p", "records": "/d"}, **{option: "x"})

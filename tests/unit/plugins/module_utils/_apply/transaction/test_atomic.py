@@ -94,6 +94,17 @@ def test_a_failure_names_the_file_and_not_its_neighbour(tmp_path, monkeypatch, c
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_removal_is_synced_also_where_a_killed_run_has_removed_the_file(tmp_path, is_there, synced):
+    """A loss of power brings it back until then."""
+    (tmp_path / "file").write_text("x" if is_there else "")
+    if not is_there:
+        (tmp_path / "file").unlink()
+    atomic.remove_for_good(str(tmp_path / "file"))
+    assert synced == [str(tmp_path)] and not (tmp_path / "file").exists()
+    atomic.remove_for_good(str(tmp_path / "none" / "file"))
+
+
 def test_a_run_can_be_killed_before_each_change_of_a_file():
     """A change that is not among them is one before which no test kills a run."""
     program = f"""{UNTIL}

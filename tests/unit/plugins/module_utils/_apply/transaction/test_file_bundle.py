@@ -49,6 +49,20 @@ def machine(tmp_path):
     return Machine(tmp_path)
 
 
+@pytest.mark.parametrize("kept", [{}, {"b": "B"}, {"b": "other"}])
+def test_what_a_killed_run_removed_is_gone_for_good_before_the_record_forgets_it(machine, killed_at, synced, kept):
+    machine.apply({"etc/a": "A", "b": "B"})
+    step = 0
+    while (machine.root / "etc/a").exists():
+        step += 1
+        assert killed_at(step, machine.apply, kept), "it was never killed right after the removal"
+    folder = str(machine.root / "etc")
+    synced.clear()
+    assert machine.apply(kept).changed
+    records = [number for number, path in enumerate(synced) if path.startswith(str(machine.records))]
+    assert folder in synced and synced.index(folder) < records[-1]
+
+
 def test_the_return_values(machine):
     run = machine.run({"etc/a": "A", "b": "B"})
     assert run.changed and run.refusals == [] and machine.state() == {}

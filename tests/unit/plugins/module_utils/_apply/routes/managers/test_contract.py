@@ -47,6 +47,12 @@ def test_the_name_of_the_hook_is_one_that_run_parts_runs(tree):
     assert os.listdir(tree / "etc/network/if-up.d") == []
 
 
+def test_a_place_that_a_killed_run_has_emptied_is_gone_for_good(tree, synced):
+    os.mkdir(tree / "etc/network/if-up.d")
+    end(ifupdown, tree).write(ifupdown.HOOK, None)
+    assert synced == [str(tree / "etc/network/if-up.d")]
+
+
 def test_without_ifupdown_there_is_no_place(tmp_path):
     with pytest.raises(Problem, match="expected ifupdown installed"):
         end(ifupdown, tmp_path).find_place("eth0")
