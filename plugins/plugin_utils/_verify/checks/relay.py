@@ -151,8 +151,16 @@ def _find_other_types(context: CheckContext) -> list[str]:
     for one in _list_crossing(context):
         if one.unlike:
             nodes = shorten_list(one.unlike, NAMED)
-            found.append(f"{one.topic} of {its} has another type than that which {nodes} of {own} subscribes")
+            there = _find_name_there(context, one.topic)
+            found.append(f"{there} of {its} has another type than {one.topic} of {own}, as {nodes} there subscribes it")
     return sorted(set(found))
+
+
+def _find_name_there(context: CheckContext, topic: str) -> str:
+    """Find the target's name of a topic that crosses, by the observer's name of it; the latter if its roscore has none."""
+    own = context.state.exchanges.robots[context.robots[1]].own
+    names = (item.name for item in own if item.kind == "publisher" and item.node != RELAY)
+    return next((name for name in names if topic in _find_names(context, "publisher", name)), topic)
 
 
 def _list_crossing(context: CheckContext) -> Sequence[CrossingTopic]:

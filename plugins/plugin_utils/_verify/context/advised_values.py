@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import NamedTuple
@@ -84,9 +85,14 @@ def _list_topics(component: Component, _robots: Sequence[str], _state: FleetStat
     return [component.what.partition(" ")[0].rstrip(",")]
 
 
+def _list_differing(component: Component, robots: Sequence[str], state: FleetState) -> Iterable[str]:
+    """List the names of the first topic with two types: a relay may give it another name on the other side."""
+    return ALIKE.findall(component.what)[:2] or _list_topics(component, robots, state)
+
+
 def _list_types(component: Component, robots: Sequence[str], state: FleetState) -> Iterable[str]:
-    (topic,) = _list_topics(component, robots, state)
-    return (state.exchanges.robots[robot].sums.get(topic, ("", ""))[0] for robot in robots)
+    topics = _list_differing(component, robots, state)
+    return (state.exchanges.robots[robot].sums.get(topic, ("", ""))[0] for topic in topics for robot in robots)
 
 
 def _list_linked_nodes(component: Component, robots: Sequence[str], state: FleetState) -> Iterator[str]:
@@ -103,10 +109,14 @@ def _list_bridges(_component: Component, robots: Sequence[str], state: FleetStat
 
 
 MOST_NODES = 4
+ALIKE = re.compile(r"(/[A-Za-z0-9_/]+) of ")  # a topic of a robot, in the sentences of the check of types
 TOPIC = _Names("topic", "graph", _list_topics)
 #: kind and mode of a fault between roscores -> the names for its commands
 NAMES: Mapping[tuple[str, str], tuple[_Names, ...]] = {
-    ("messages", "differ"): (TOPIC, _Names("type", "type", _list_types)),
+    ("messages", "differ"): (
+        _Names("topic", "graph", _list_differing, 2),
+        _Names("type", "type", _list_types),
+    ),
     ("registration", "link"): (_Names("nodes", "graph", _list_linked_nodes, MOST_NODES),),
     ("topic", "shared"): (TOPIC,),
     ("topic", "circle"): (_Names("nodes", "graph", _list_bridges, MOST_NODES),),

@@ -204,8 +204,16 @@ def _odd_names(seen):
 @pytest.mark.parametrize(
     ("change", "mode", "command"),
     [
-        (_other_type(TALKS, "0123"), "differ", f"rostopic type /chatter; rosmsg md5 {TALKS}"),
-        (_other_type("std_msgs/$(reboot)"), "differ", f"rostopic type /chatter; rosmsg md5 {TALKS}"),
+        (
+            _other_type(TALKS, "0123"),
+            "differ",
+            f"for name in /chatter; do rostopic type $name; done; rosmsg md5 {TALKS}",
+        ),
+        (
+            _other_type("std_msgs/$(reboot)"),
+            "differ",
+            f"for name in /chatter; do rostopic type $name; done; rosmsg md5 {TALKS}",
+        ),
         (_stranger_of_a_node, "link", "rosnode info /rosout"),
         (_odd_names, "link", "rosnode info <node>"),
         (lambda seen: _publish("/cmd_vel", *BOTH)(seen), "shared", "rostopic info /cmd_vel"),

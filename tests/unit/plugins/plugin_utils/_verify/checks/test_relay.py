@@ -206,7 +206,9 @@ def test_data_that_does_not_come_through_both_relays_is_named_at_the_one_that_lo
 def test_a_node_that_subscribes_another_type_than_the_other_robot_sends_is_named():
     (finding,) = hear(outcome=Outcome.ANSWERED, message=True, error="", unlike=("/viewer",))
     assert (finding.component.kind, finding.component.mode) == ("messages", "differ")
-    assert mentions(finding.sentence(), "/kobuki1/scan of kobuki1", "/viewer of kobuki2")
+    assert mentions(finding.sentence(), "/scan of kobuki1", "/kobuki1/scan of kobuki2", "/viewer")
+    assert "/kobuki1/scan of kobuki1" not in finding.sentence()
+    assert f"in /scan /kobuki1/scan; do rostopic type $name; done; rosmsg md5 {SCAN}" in finding.look[0].text
 
 
 def test_data_that_crosses_or_whose_publisher_is_silent_is_no_fault_of_a_relay():
