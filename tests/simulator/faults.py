@@ -501,7 +501,11 @@ FAULTS = (
     Fault("another route", on(routed, other_route), (("route", "other"),)),
     Fault("two default routes", on(computers, second_default), (("route", "defaults"),)),
     Fault("forwarding off", on(gateways, settings(forwarding=False)), (("forwarding", "off"),)),
-    Fault("large packets not forwarded", on(gateways, rule(FORWARD, above=1000)), (("forwarding", "large"),)),
+    Fault(
+        "large packets not forwarded",
+        on(gateways, rule(FORWARD, above=1000)),
+        (("forwarding", "large"), ("filter", "forward")),  # the latter if the rules were read
+    ),
     Fault("strict reverse path", on(gateways, settings(rp_filter=STRICT)), (("reverse_path", "strict"),)),
     Fault("filter of what is forwarded", on(gateways, rule(FORWARD)), (("filter", "forward"),)),
     Fault("masquerading", on(gateways, masquerade), (("translation", "on"),)),
