@@ -7,7 +7,7 @@ import time
 import typing
 import xmlrpc.client
 
-from ..._base.deadlines import call_all, poll
+from ..._base.deadlines import call_all, poll, stretch
 from ..._base.plain_text import plain, quote
 from ..._base.problem import explain_error
 from ..._contract.outcomes import Outcome
@@ -23,6 +23,7 @@ from ..ros_client.xml_rpc import server
 from . import network
 
 RELAYS = 20.0  # seconds for all relays
+TYPES = 12.0  # seconds for all nodes here that are asked for types; one that hangs takes two calls at most
 MOST_RELAYS, MOST_HOSTS = 64, 4  # relays that are asked, and addresses of one
 MOST_NODES = 50  # of an offer, as a relay has it
 RELAY = "/master_relay"
@@ -146,32 +147,45 @@ def _hear_crossing(
         for topic, offer in _choose(own, row["robot"])
     ]
     # A call has limits of its own. So a late one began late, behind those of other relays: it says nothing of its relay.
-    heard = call_all(
-        lambda job: _compare(ros, subscribers, *job[1:], _hear(relay, robot, *job)), jobs, RELAYS, lambda job: None
-    )
+    heard = call_all(lambda job: _hear(relay, robot, *job), jobs, RELAYS, lambda job: None)
+    crossings = [(topic, offer[1], crossing) for (_row, topic, offer), crossing in zip(jobs, heard) if crossing]
     for (row, _topic, _offer), crossing in zip(jobs, heard):
         row["crossing"] = [*row["crossing"], *filter(None, [crossing])]
+    _compare(ros, subscribers, crossings)
 
 
 def _compare(
-    ros: Ros, subscribers: typing.Mapping[str, typing.Sequence[str]], topic: str, offer: Offer, crossing: Row
-) -> Row:
-    """Add the nodes here that subscribe a topic with another type: a roscore has one type of it, that of the last publisher."""
-    nodes = [node for node in sorted(subscribers.get(topic, ())) if node != RELAY][:MOST_LISTENERS]
-    kind = offer[1]
-    unlike = (
-        [] if kind in ANY_TYPE else [node for node in nodes if _ask_type(ros, node, topic) not in (kind, *ANY_TYPE)]
-    )
-    return dict(crossing, unlike=list(map(plain, unlike)))
+    ros: Ros,
+    subscribers: typing.Mapping[str, typing.Sequence[str]],
+    crossings: typing.Sequence[typing.Tuple[str, str, Row]],
+) -> None:
+    """Add to topics (name, type, row) the nodes here that subscribe them with another type: the roscore has that of the last publisher alone.
+
+    Each node is asked once, and all have a limit of their own: where nodes hang, the rows stay as they are.
+    """
+    listeners = {
+        topic: [node for node in sorted(subscribers.get(topic, ())) if node != RELAY][:MOST_LISTENERS]
+        for topic, kind, _row in crossings
+        if kind not in ANY_TYPE
+    }
+    nodes = list(dict.fromkeys(node for some in listeners.values() for node in some))
+    deadline = time.monotonic() + stretch(TYPES)
+    answers = call_all(lambda node: _ask_types(ros, node, deadline), nodes, TYPES, lambda _node: {})
+    types = dict(zip(nodes, answers))
+    for topic, kind, row in crossings:
+        unlike = [node for node in listeners.get(topic, ()) if types[node].get(topic, "") not in (kind, *ANY_TYPE)]
+        row["unlike"] = list(map(plain, unlike))
 
 
-def _ask_type(ros: Ros, node: str, topic: str) -> str:
-    """Ask a node here for the type with which it subscribes a topic; empty without an answer."""
+def _ask_types(ros: Ros, node: str, deadline: float) -> typing.Dict[str, str]:
+    """Ask a node here for the types with which it subscribes topics; empty without an answer, and after the deadline (monotonic seconds)."""
     try:
+        if time.monotonic() > deadline:
+            return {}
         answer = server(str(ros.ask("lookupNode", node))).getSubscriptions(CALLER)
-        return next((str(kind) for name, kind in answer[2] if name == topic), "")
+        return {str(name): str(kind) for name, kind in answer[2]}
     except Exception:  # any: it is somebody's node, and others say that it does not answer
-        return ""
+        return {}
 
 
 def _name_here(

@@ -205,15 +205,17 @@ def data_port(manner, asked):
 class OwnRoscore:
     """The roscore of this robot: what its relay publishes, and where that is."""
 
-    def __init__(self, relay, *topics):
-        self.relay, self.topics = relay, topics
+    def __init__(self, relay, *topics, listeners=()):
+        self.relay, self.topics, self.listeners = relay, topics, dict(listeners)  # listeners with their ports
 
     def read_state(self):
-        return [{topic: ["/master_relay"] for topic in self.topics}, {}, {}]
+        subscribers = {topic: list(self.listeners) for topic in self.topics}
+        return [{topic: ["/master_relay"] for topic in self.topics}, subscribers, {}]
 
     def ask(self, method, *words):
-        assert (method, *words) == ("lookupNode", "/master_relay")
-        return self.relay
+        (node,) = words
+        assert method == "lookupNode"
+        return self.relay if node == "/master_relay" else f"http://127.0.0.1:{self.listeners[node]}/"
 
 
 OFFERS = [["topic", "/kobuki2/scan", "a/B", ["/laser"]], ["topic", "/kobuki2/image", "sensor_msgs/Image", ["/camera"]]]
@@ -280,10 +282,43 @@ def test_a_node_that_subscribes_another_type_says_so_itself(offered, subscribed,
         thread.start()
         crossing = masters._make_crossing("/cmd_vel", ("/station/cmd_vel", offered, ("/joy",)))
         nodes = {"/cmd_vel": ["/master_relay", "/gone", "/drive"]}
-        found = masters._compare(Roscore(), nodes, "/cmd_vel", ("/station/cmd_vel", offered, ("/joy",)), crossing)
+        found = dict(crossing)
+        masters._compare(Roscore(), nodes, [("/cmd_vel", offered, found)])
         server.shutdown()
         thread.join()
     assert found == {**crossing, "unlike": unlike}
+
+
+@pytest.mark.slow
+def test_subscribers_that_hang_take_no_topic_from_those_that_were_heard(monkeypatch):
+    """The kernel takes the connection of a node that is stopped. Each is asked once, though both topics have it."""
+    monkeypatch.setattr(masters, "RELAYS", 4.0)
+    monkeypatch.setattr(masters, "TYPES", 1.0, raising=False)
+    with contextlib.ExitStack() as stack:
+        hanging = [stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _number in range(4)]
+        places = {f"/node_{number}": one.getsockname()[1] for number, one in enumerate(hanging)}
+        own, other = (stack.enter_context(data_port(SPEAKS, [])) for _relay in range(2))
+        server = stack.enter_context(xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False))
+        server.register_function(lambda *_words: ["1", other, OFFERS], "rosfleetOffers")
+        server.register_function(lambda *_words: [1, "", ["TCPROS", "127.0.0.1", own]], "requestTopic")
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        place = server.server_address[1]
+        roscore = OwnRoscore(f"http://127.0.0.1:{place}/", "/kobuki2/scan", "/kobuki2/image", listeners=places)
+        channel = {"peer": "kobuki2", "hosts": ["127.0.0.1"], "port": place, **NOTHING}
+        began = time.monotonic()
+        (row,) = masters.relays({"robot": "kobuki1", "channels": [channel]}, roscore)
+        took = time.monotonic() - began
+        server.shutdown()
+        thread.join()
+        assert [(one["outcome"], one["message"], one["unlike"]) for one in row["crossing"]] == [
+            ("answered", True, [])
+        ] * 2 and took < 4
+        for one in hanging:
+            one.settimeout(0)
+            one.accept()[0].close()
+            with pytest.raises(BlockingIOError):
+                one.accept()
 
 
 def test_the_most_offers_that_a_relay_has_are_read():
