@@ -27,6 +27,8 @@ _PROPERTIES = (
     "ControlGroup",
     "Result",
 )
+COMMAND = re.compile(rb"\s*ExecStart\s*=")  # not ExecStartPre=
+VARIABLES = re.compile(rb"\s*(?:Environment|EnvironmentFile)\s*=")
 _REFUSED = 50  # names that a node refuses, which are reported
 _WORD = r'("[^"]*"|[^\s"(),]+)'  # as quote() writes it
 _MORE = re.compile(r"(?:^|, )and [0-9]+ more$")
@@ -67,7 +69,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
         entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
             entry["differing"] = _read_changed(pid, variables)
-        settings = (b"ExecStart", b"Environment") if entry["differing"] else (b"ExecStart",)
+        settings = (COMMAND, VARIABLES) if entry["differing"] else (COMMAND,)
         entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if has_setting(path, settings)]
         found.append(entry)
     return found
@@ -131,13 +133,13 @@ def count_files(
     return min(counted, key=lambda files: files[1] - files[0], default=(None, None))
 
 
-def has_setting(path: str, names: typing.Tuple[bytes, ...]) -> bool:
-    """Return True if a drop-in file has one of these settings; systemctl show writes a blank in a path otherwise, so it is not found."""
+def has_setting(path: str, settings: typing.Tuple[typing.Pattern[bytes], ...]) -> bool:
+    """Return True if a line of a drop-in file has one of these forms; systemctl show writes a blank in a path otherwise, so it is not found."""
     try:
         lines = read_regular(path, _MOST).splitlines()
     except OSError:
         return False
-    return any(line.lstrip().startswith(names) for line in lines)
+    return any(setting.match(line) for line in lines for setting in settings)
 
 
 def find_changed(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:

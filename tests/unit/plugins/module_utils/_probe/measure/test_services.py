@@ -31,10 +31,11 @@ def test_a_service_without_the_environment_file_is_the_same(monkeypatch, files, 
 
 
 def test_a_drop_in_file_with_other_variables_or_another_command_is_named(monkeypatch, tmp_path):
-    texts = {"a": "  EnvironmentFile=/run/one\n", "b": "Nice=5\n", "d": "ExecStart=\nExecStart=/bin/other\n"}
+    texts = {"a": "  EnvironmentFile=/run/one\n", "b": "Nice=5\n", "d": "ExecStart =\nExecStart=/bin/other\n"}
+    texts["e"] = "ExecStartPre=/bin/sleep 5\nExecStartPost=/bin/true\n"
     for name, text in texts.items():
         (tmp_path / f"{name}.conf").write_text(f"[Service]\n{text}")
-    paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abcd")
+    paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abcde")
     seen = {"MainPID": str(os.getpid()), "EnvironmentFiles": "one", "DropInPaths": paths}
     monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
     assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [
