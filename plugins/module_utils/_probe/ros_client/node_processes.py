@@ -10,11 +10,13 @@ name and the name of a launch file: anything else may be a secret.
 import os
 import re
 import socket
+import time
 import typing
 from urllib.parse import urlsplit
 
 from ..._base import processes
 from ..._base.commands import run, text
+from ..._base.deadlines import stretch
 from ..._base.plain_text import LONGEST, is_plain, plain
 from ..._machine import ports
 from .node_hosts import MOST, Members, Row, list_hosts
@@ -23,6 +25,7 @@ LOOPBACK = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback
 ROSCORE_PORT = 11311  # of a URI without a port (rosgraph.rosenv)
 _MOST_WORDS = 65536  # bytes of a command line
 _MOST_PARENTS = 8
+UNITS = 20.0  # seconds for all units that systemd is asked for
 #: the variables that decide the host that a node announces, the first before the others (rosgraph.network, ros::network::init)
 _ARGUMENTS = ("__hostname", "__ip")
 _VARIABLES = ("ROS_HOSTNAME", "ROS_IP")
@@ -41,11 +44,11 @@ def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc"
     """
     members = list(members)
     planned = Planned(members, own, master)
-    sockets = Sockets(proc)
+    sockets, units = Sockets(proc), Units()
     found = []
     for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
         try:
-            row = _look(pid, planned, sockets, proc)
+            row = _look(pid, planned, sockets, units, proc)
         except OSError:  # it has ended
             continue
         if row is not None:
@@ -127,7 +130,7 @@ def _find_network(proc: str, pid: str) -> str:
         return ""
 
 
-def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Optional[Row]:
+def _look(pid: int, planned: Planned, sockets: Sockets, units: "Units", proc: str) -> typing.Optional[Row]:
     words = _read_words(pid, proc)
     arguments = _read_arguments(words)
     variables, is_read = _read_environment(pid, proc)
@@ -145,7 +148,8 @@ def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Opt
     if is_read and not own_ports:
         return None
     starter, launch = _find_starter(pid, unit, contained, proc)
-    wrong = planned.list_wrong(host, source, master, master_source)
+    values = {source: host, master_source: master}
+    wrong = {name: values[name] for name in planned.list_wrong(host, source, master, master_source)}
     return {
         "node": plain(arguments.get("__name") or os.path.basename(_find_program(words)), LONGEST),
         "host": plain(host.lower(), LONGEST),
@@ -154,7 +158,7 @@ def _look(pid: int, planned: Planned, sockets: Sockets, proc: str) -> typing.Opt
         "unit": unit,
         "starter": starter,
         "launch": launch,
-        "of_unit": _is_of_unit(starter, unit, wrong),
+        "of_unit": _is_of_unit(starter, unit, wrong, units),
         "ports": own_ports[:MOST],
         "stopped": is_stopped,
         "readable": is_read,
@@ -233,11 +237,35 @@ def _find_launch_file(pid: int, proc: str) -> typing.Optional[str]:
     return None
 
 
-def _is_of_unit(starter: str, unit: str, names: typing.Sequence[str]) -> bool:
-    """Return True if a unit of the system gives all these variables itself, and no script that it starts; True for none."""
-    if starter != "unit" or not names:
+class Units:
+    """The variables that units of the system give to their processes. Each is asked once, and all have one limit."""
+
+    def __init__(self) -> None:
+        self._given: typing.Dict[str, str] = {}
+        self._deadline = time.monotonic() + stretch(UNITS)
+
+    def read(self, unit: str) -> str:
+        """Read the variables of a unit, and those of its files; empty without an answer."""
+        if unit not in self._given:
+            self._given[unit] = self._ask(unit, self._deadline - time.monotonic())
+        return self._given[unit]
+
+    @staticmethod
+    def _ask(unit: str, limit: float) -> str:
+        if limit <= 0:
+            return ""
+        words = ["systemctl", "show", "--property=Environment", "--property=EnvironmentFiles", "--", unit]
+        shown = run(words, limit=limit).text
+        files = [found.group(1) for found in map(_FILES.match, shown.splitlines()) if found]
+        return "\n".join([shown, *(text(path, _MOST_WORDS) for path in files[:MOST])])
+
+
+def _is_of_unit(starter: str, unit: str, wrong: typing.Mapping[str, str], units: Units) -> bool:
+    """Return True if a unit of the system gives all these variables with these values, and no script that it starts; True for none."""
+    if starter != "unit" or not wrong:
         return starter == "unit"
-    shown = run(["systemctl", "show", "--property=Environment", "--property=EnvironmentFiles", "--", unit]).text
-    files = [found.group(1) for found in map(_FILES.match, shown.splitlines()) if found]
-    given = "\n".join([shown, *(text(path, _MOST_WORDS) for path in files[:MOST])])
-    return all(re.search(rf"(?:^|[\s=\"']){name}=", given, re.MULTILINE) for name in names)
+    given = units.read(unit)
+    return all(
+        re.search(rf"(?:^|[\s=\"']){name}=[\"']?{re.escape(value)}(?=[\"'\s]|$)", given, re.MULTILINE)
+        for name, value in wrong.items()
+    )

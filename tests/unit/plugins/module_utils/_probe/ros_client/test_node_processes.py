@@ -91,6 +91,10 @@ def test_without_a_variable_it_is_the_name_of_the_computer(monkeypatch):
         ({"ROS_HOSTNAME": "odd"}, (), "Environment=\nEnvironmentFiles={file} (ignore_errors=no)", False),
         ({"ROS_IP": "127.0.0.1"}, ("__ip:=10.0.0.1",), "Environment=ROS_IP=127.0.0.1", False),
         ({"ROS_IP": "127.0.0.1", "ROS_MASTER_URI": "http://odd:1"}, (), "Environment=ROS_IP=127.0.0.1", False),
+        # its script exports another one
+        ({"ROS_IP": "127.0.0.1"}, (), "Environment=ROS_IP=192.168.1.2", False),
+        ({"ROS_IP": "127.0.0.1"}, (), "Environment=ROS_IP=127.0.0.11", False),
+        ({"ROS_IP": "127.0.0.1"}, (), "Environment='ROS_IP=127.0.0.1'", True),
         ({}, (), "Environment=", True),  # it announces another name than the plan's, as no variable is there
     ],
 )
@@ -98,7 +102,8 @@ def test_who_gives_the_variables_of_a_unit_is_told(tmp_path, monkeypatch, variab
     (tmp_path / "robot").write_text("# ROS\nROS_IP=127.0.0.1\n")
     asked = []
 
-    def show(argv):
+    def show(argv, limit):
+        assert 0 < limit <= node_processes.stretch(node_processes.UNITS)
         asked.append(argv[-1])
         return Answer(0, shown.format(file=tmp_path / "robot").encode(), "")
 
@@ -106,6 +111,15 @@ def test_who_gives_the_variables_of_a_unit_is_told(tmp_path, monkeypatch, variab
     monkeypatch.setattr(node_processes, "_read_unit", lambda _pid, _proc: "odom.service")
     (row,) = _find({**ROS, **variables}, *words)
     assert (row["starter"], row["of_unit"], set(asked) <= {"odom.service"}) == ("unit", expected, True)
+
+
+def test_a_unit_is_asked_once_and_all_of_them_have_one_limit(monkeypatch):
+    asked = []
+    monkeypatch.setattr(node_processes, "run", lambda argv, limit: asked.append(argv[-1]) or Answer(-1, b"", "late"))
+    units = node_processes.Units()
+    assert [units.read(name) for name in ("a.service", "b.service", "a.service")] == ["", "", ""]
+    units._deadline = time.monotonic()
+    assert units.read("c.service") == "" and asked == ["a.service", "b.service"]
 
 
 @pytest.mark.skipif(bool(why_not()), reason=why_not())
