@@ -176,6 +176,7 @@ SECONDS = {
     "firewall": 250,
     "exchanges": 80,
     "hostile_robot": 240,
+    "people_nodes": 170,
     "removal": 240,
     "prefixes": 200,
     "relay": 390,

@@ -151,8 +151,8 @@ def _find_other_types(context: CheckContext) -> list[str]:
     for one in _list_crossing(context):
         if one.unlike:
             nodes = shorten_list(one.unlike, NAMED)
-            there = _find_name_there(context, one.topic)
-            found.append(f"{there} of {its} has another type than {one.topic} of {own}, as {nodes} there subscribes it")
+            name_there = _find_name_there(context, one.topic)
+            found.append(f"{name_there} of {its} has another type than {one.topic} of {own}, as {nodes} there subscribes it")
     return sorted(set(found))
 
 
