@@ -122,7 +122,8 @@ def remove(path: str) -> None:
 
 def remove_for_good(path: str) -> None:
     """Remove a file, which a loss of power does not bring back; one that is gone already is no error. Raises OSError."""
-    remove(path)
+    with contextlib.suppress(NotADirectoryError):  # something else is in the place of its folder
+        remove(path)
     sync_removal(path)
 
 

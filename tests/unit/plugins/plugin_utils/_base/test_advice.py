@@ -103,8 +103,12 @@ def test_the_rules_between_networks_have_each_at_both_ends_in_their_order():
     assert advice.accept_at("daddr", TWO[:1], "", "ip t c") == "nft insert rule ip t c ip daddr 192.168.20.0/24 accept"
 
 
+# A rule of nft for a size makes its table unreadable for iptables, so no table of iptables has one.
+MATCHES = sorted({one.match.format(what=11311) for one in DROPPED.values() if "meta length" not in one.match})
+
+
 @pytest.mark.root
-@pytest.mark.parametrize("match", sorted({one.match.format(what=11311) for one in DROPPED.values()}))
+@pytest.mark.parametrize("match", MATCHES)
 def test_iptables_saves_and_loads_the_rules_with_their_networks(match, tmp_path):
     """A chain of iptables is saved at the next boot, or by the next program that has a rule: iptables-save prints no set of nft."""
     inserted = [
