@@ -152,7 +152,9 @@ def _find_other_types(context: CheckContext) -> list[str]:
         if one.unlike:
             nodes = shorten_list(one.unlike, NAMED)
             name_there = _find_name_there(context, one.topic)
-            found.append(f"{name_there} of {its} has another type than {one.topic} of {own}, as {nodes} there subscribes it")
+            found.append(
+                f"{name_there} of {its} has another type than {one.topic} of {own}, as {nodes} there subscribes it"
+            )
     return sorted(set(found))
 
 
