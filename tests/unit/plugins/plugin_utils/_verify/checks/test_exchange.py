@@ -201,31 +201,6 @@ def _odd_names(seen):
     update(stranger, node="/rosout;reboot", peer="/$(reboot)")
 
 
-@pytest.mark.parametrize(
-    ("change", "mode", "command"),
-    [
-        (
-            _other_type(TALKS, "0123"),
-            "differ",
-            f"for name in /chatter; do rostopic type $name; done; rosmsg md5 {TALKS}",
-        ),
-        (
-            _other_type("std_msgs/$(reboot)"),
-            "differ",
-            f"for name in /chatter; do rostopic type $name; done; rosmsg md5 {TALKS}",
-        ),
-        (_stranger_of_a_node, "link", "rosnode info /rosout"),
-        (_odd_names, "link", "rosnode info <node>"),
-        (lambda seen: _publish("/cmd_vel", *BOTH)(seen), "shared", "rostopic info /cmd_vel"),
-        (lambda seen: _bridge(seen), "circle", f"rosnode info {BRIDGES}"),
-    ],
-)
-def test_the_look_has_the_names_that_were_read_if_a_command_can_hold_them(change, mode, command):
-    (entry,) = [one for one in diagnosed(change).findings if one.component.mode == mode]
-    (advice,) = entry.look
-    assert (advice.where, advice.text) == ("the masters of kobuki1 and kobuki2", command)
-
-
 @pytest.mark.parametrize(("change", "check", "verdict", "kind", "place", "mode"), FAULTS)
 def test_each_fault_is_named(change, check, verdict, kind, place, mode):
     assert_told(change, check, verdict, kind, place, mode)
@@ -388,6 +363,31 @@ def test_a_topic_for_many_publishers_is_fine(kind):
 
 def _bridge(seen):
     _publish("/pose", *BOTH, node="ros_bridge")(seen)
+
+
+@pytest.mark.parametrize(
+    ("change", "mode", "command"),
+    [
+        (
+            _other_type(TALKS, "0123"),
+            "differ",
+            f"for name in /chatter; do rostopic type $name; done; rosmsg md5 {TALKS}",
+        ),
+        (
+            _other_type("std_msgs/$(reboot)"),
+            "differ",
+            f"for name in /chatter; do rostopic type $name; done; rosmsg md5 {TALKS}",
+        ),
+        (_stranger_of_a_node, "link", "rosnode info /rosout"),
+        (_odd_names, "link", "rosnode info <node>"),
+        (_publish("/cmd_vel", *BOTH), "shared", "rostopic info /cmd_vel"),
+        (_bridge, "circle", f"rosnode info {BRIDGES}"),
+    ],
+)
+def test_the_look_has_the_names_that_were_read_if_a_command_can_hold_them(change, mode, command):
+    (entry,) = [one for one in diagnosed(change).findings if one.component.mode == mode]
+    (advice,) = entry.look
+    assert (advice.where, advice.text) == ("the masters of kobuki1 and kobuki2", command)
 
 
 @pytest.mark.parametrize(
