@@ -217,6 +217,7 @@ def connections(fleet, host, since):
     return set(re.findall(r"Accepted publickey for root from 192\.168\.77\.10 port (\d+)", log))
 
 
+@pytest.mark.costly  # the one of all concerns has it, too
 def test_a_good_change_is_confirmed_by_a_new_connection(fleet):
     before = fleet.state(INNER)
     assert "pong" in fleet._ansible(f"adhoc {INNER} -m ansible.builtin.ping", {})  # the connection that is kept
