@@ -40,7 +40,7 @@ DROPPED: Mapping[str, Dropped] = {
     "nodes": Dropped(36, "connections to the TCP ports of nodes", "tcp dport 1024-65535", "-p tcp --dport 1024:65535"),
     "all": Dropped(37, "packets that no rule of it lets pass", "", "", more=0.3),
     LARGE: Dropped(
-        38, "packets of more than {what} bytes", "meta length > {what}", "-m length --length {what}:65535", "1400", 0.5
+        38, "packets of more than {what} bytes", "meta length gt {what}", "-m length --length {what}:65535", "1400", 0.5
     ),
 }
 #: direction in the mode -> the last digit of the id, the word in a sentence, the extra cost

@@ -103,6 +103,10 @@ def test_the_rules_between_networks_have_each_at_both_ends_in_their_order():
     assert advice.accept_at("daddr", TWO[:1], "", "ip t c") == "nft insert rule ip t c ip daddr 192.168.20.0/24 accept"
 
 
+def test_no_match_is_more_than_words_to_a_shell():
+    assert not [one.match for one in DROPPED.values() if set(one.match) & set("<>|&;()$`'\"\\")]
+
+
 # A rule of nft for a size makes its table unreadable for iptables, so no table of iptables has one.
 MATCHES = sorted({one.match.format(what=11311) for one in DROPPED.values() if "meta length" not in one.match})
 

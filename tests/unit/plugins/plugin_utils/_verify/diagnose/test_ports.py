@@ -75,5 +75,5 @@ def test_a_rule_for_a_size_leaves_the_rule_for_a_port_its_own_finding_and_comman
     found = diagnose(fleet, seen)
     assert {one[2] for one in components(found)} == {"rpc in", "large in"}
     of_port, of_size = sorted(found.findings, key=lambda one: one.component.mode, reverse=True)
-    assert "more than 1400 bytes" in of_size.sentence() and "meta length > 1400 accept" in of_size.do[0].text
+    assert "more than 1400 bytes" in of_size.sentence() and "meta length gt 1400 accept" in of_size.do[0].text
     assert " inet own a " in of_port.do[0].text and " inet own b " in of_size.do[0].text
