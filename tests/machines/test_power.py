@@ -4,7 +4,7 @@
 """Power that is cut in the middle of site.yml, of a rollback and of a teardown: the emulator is killed at drawn moments.
 
 After the boot each file, unit, setting and rule is the old one or the new one, and the next run mends. LAB_CUTS is the number of
-moments, LAB_SEED draws them: a moment is a number of writes to the disk. Four minutes for each of them if nothing else runs.
+moments, LAB_SEED draws them: a moment is a number of writes to the disk. Each took about ten minutes beside other work.
 """
 
 import hashlib
@@ -29,7 +29,8 @@ CUTS = [(KINDS[number % 3], f"{SEED}.{number}") for number in range(int(os.envir
 RECORDS = "/var/lib/rosfleet-multimaster"
 LOCK, FAILING = f"{RECORDS}/lock", "/run/failing"
 BEGINS = {SITE: LOCK, TEARDOWN: LOCK, ROLLBACK: FAILING}  # the file whose appearance begins a change
-WRITES = {SITE: 900, TEARDOWN: 500, ROLLBACK: 100}  # the disk has about as many in a change, or more
+# Numbers below these are drawn. site.yml was seen to write about 1,200 times; of the others it is not known: what is not reached is cut at the end.
+WRITES = {SITE: 900, TEARDOWN: 500, ROLLBACK: 100}
 MAY_FAIL = "/run/may-fail"
 # Six services that run, and a seventh that fails until the next boot: the module takes all of them back.
 RUNS = "[Service]\nExecStart=/bin/sleep infinity\n[Install]\nWantedBy=multi-user.target\n"
@@ -150,7 +151,7 @@ def cut(lab, kind, writes):
     lab.run(HOST, f"rm -f {FAILING}; touch {MAY_FAIL}")
     with ThreadPoolExecutor() as pool:
         moment = pool.submit(lab.run, HOST, f"python3 /root/await.py {BEGINS[kind]} {writes}", timeout=1800)
-        time.sleep(1)
+        time.sleep(1)  # the watcher of the disk is there before the change begins
         with lab.controller(*CHANGES[kind]) as controller:
             wait_until(lambda: moment.done() or controller.poll() is not None, 1800, "the moment comes")
             virtual.cut_power(lab.name, HOST)
@@ -175,7 +176,7 @@ def test_power_is_cut_in_the_middle(lab, states, kind, seed):
     if not states.new:
         states.new.append(mended)
         output = lab.play(SITE)[1]
-        assert "changed=0" in output and "changed=1" not in output, said
+        assert "changed=0" in output and not re.search(r"changed=[1-9]", output), said
     known = [states.old, *states.new] if kind != ROLLBACK else [*states.new, add_units(states.new[0])]
     assert not [text for text in differences(state, known) if not HALF.match(text)], said
     assert not list(differences(mended, [states.old] if kind == TEARDOWN else states.new)), said

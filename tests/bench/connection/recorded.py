@@ -28,6 +28,11 @@ options:
     vars:
       - name: inventory_hostname
     required: true
+  master:
+    description: The computer with the roscore of its robot.
+    vars:
+      - name: multimaster_master
+    required: true
   machine:
     description: The file with the return of multimaster_info on a real computer, as JSON.
     vars:
@@ -62,7 +67,8 @@ class Connection(ConnectionBase):
             raise AnsibleConnectionFailure(f"there is no answer of the module {module}")
         with open(self.get_option("machine"), encoding="utf-8") as stream:
             text = stream.read()
-        text = text.replace("@ADDRESS@", self.get_option("address")).replace("@NAME@", self.get_option("computer"))
+        for word, option in (("@ADDRESS@", "address"), ("@NAME@", "computer"), ("@MASTER@", "master")):
+            text = text.replace(word, self.get_option(option))
         return json.loads(text)
 
     def put_file(self, in_path, out_path):

@@ -45,7 +45,7 @@ class EchoAnswer(typing.NamedTuple):
     icmp_type: typing.Optional[int] = None
     icmp_code: typing.Optional[int] = None
     reporter: str = ""  # the address that has answered
-    tries: int = 0  # empty if no raw socket opens
+    tries: int = 0  # 0 if no raw socket opens
 
     @property
     def ok(self) -> bool:

@@ -117,8 +117,11 @@ def draw_element(chance, depth):
     return f"<{tag}>{''.join([chance.choice(TEXTS), *parts])}</{tag}>"
 
 
+MORE = [pytest.param(draw_element(random.Random(seed), 4), marks=pytest.mark.costly) for seed in range(8, 20)]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("unit", [*DENSE, *(draw_element(random.Random(seed), 4) for seed in range(8))])
+@pytest.mark.parametrize("unit", [*DENSE, *(draw_element(random.Random(seed), 4) for seed in range(8)), *MORE])
 def test_a_document_costs_the_memory_that_is_counted(unit):
     most = 1 << 20
     body = "".join(unit.replace("%d", str(number)) for number in range(most // len(unit.encode())))
