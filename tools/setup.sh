@@ -19,6 +19,7 @@ for_tests=(
   git rsync shellcheck nftables
   wireguard-tools wireguard-go                            # the tunnel of docs/operate/hostile_networks.md, with any kernel
   chromium-headless-shell                                 # the page of the report
+  zsh fish                                                # shells of persons
 )
 for_vm=(qemu-system-x86 qemu-utils ipxe-qemu seabios)    # virtual machines
 

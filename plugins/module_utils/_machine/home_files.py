@@ -19,7 +19,7 @@ def find_lines(patterns, names):
                 descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
                 with open(descriptor, "rb") as stream:
                     if stat.S_ISREG(os.fstat(descriptor).st_mode):
-                        lines = _blank_others(stream.read(1 << 20).decode("utf-8", "replace").splitlines(), names)
+                        lines = _blank_others(stream.read(1 << 20).decode("utf-8", "replace").split("\n"), names)
                         if lines:
                             files.append([path, lines[:5000]])
             except OSError:
@@ -28,7 +28,7 @@ def find_lines(patterns, names):
 
 
 def _blank_others(lines, names):
-    lines = [line if len(line) < 500 and any(name in line for name in names) else "" for line in lines]
+    lines = [line.rstrip("\r") if len(line) < 500 and any(name in line for name in names) else "" for line in lines]
     while lines and not lines[-1]:
         lines.pop()
     return lines

@@ -6,6 +6,7 @@
 A file may source others, call a function or build a value of several variables, so only the shell knows the result.
 """
 
+import fnmatch
 import inspect
 import json
 import os
@@ -23,16 +24,17 @@ _ASKING = 6.0  # seconds for a shell
 _LIMIT = 15.0  # for both shells of a person
 KINDS = {"interactive": ["-i"], "login": ["-l", "-i"]}  # a terminal of a desktop, and one by ssh
 
-#: shell -> the files that it reads, by their last names
+#: shell -> the files that it reads, by patterns of their last names
 _OF_BASH = ("bash.bashrc", ".bashrc", "profile", ".profile", ".bash_profile", ".bash_login")
-_OF_ZSH = ("zshenv", "zshrc", ".zshenv", ".zshrc")
+_OF_ZSH = ("zshenv", "zprofile", "zshrc", "zlogin", ".zshenv", ".zprofile", ".zshrc", ".zlogin")
 _OF_SH = ("profile", ".profile")
-FILES = {"bash": _OF_BASH, "zsh": _OF_ZSH, "sh": _OF_SH, "dash": _OF_SH, "ksh": _OF_SH, "fish": ()}
+FILES = {"bash": _OF_BASH, "zsh": _OF_ZSH, "sh": _OF_SH, "dash": _OF_SH, "ksh": _OF_SH, "fish": ("*.fish",)}
 
 # The ends of the statements of a line, and the values of variables that are not of ROS: they may be passwords, and reports show lines.
 _STATEMENT = re.compile(r";|&&?|\|\||(?:^|(?<=\s))[{}](?=\s|$)")
 _OTHER_VALUE = re.compile(r"\b(?!ROS_|DEFAULT=|OVERRIDE=)(\w+)=(?:\"[^\"]*\"|'[^']*'|[^\s\"';&|])+")
 _COMMENT = re.compile(r"\s#.*")
+_COMPUTED = re.compile(r"[$`(]")  # a part of a value that the shell puts in
 
 Row = typing.Dict[str, typing.Any]
 Values = typing.Dict[str, str]
@@ -98,6 +100,11 @@ def _read(answer: typing.Any, names: typing.Sequence[str]) -> Seen:
     )
 
 
+def _is_one(path: str, own: typing.Sequence[str]) -> bool:
+    """Return True for a file of the shell whose files have these names."""
+    return any(fnmatch.fnmatchcase(os.path.basename(path), name) for name in own)
+
+
 def _list_untold(own: typing.Sequence[str], answers: Answers, parsed: typing.Sequence[Row]) -> typing.List[Row]:
     """List what was parsed and no shell tells: in files of other programs, and of a shell without an answer, as after `set -e` and an error."""
     told = {(*place[:2], name) for seen in answers.values() for name, place in seen.places.items()}
@@ -105,8 +112,7 @@ def _list_untold(own: typing.Sequence[str], answers: Answers, parsed: typing.Seq
     return [
         row
         for row in parsed
-        if os.path.basename(row["file"]) not in own
-        or (silent and (row["file"], row["line"], row["variable"]) not in told)
+        if not _is_one(row["file"], own) or (silent and (row["file"], row["line"], row["variable"]) not in told)
     ]
 
 
@@ -123,7 +129,7 @@ def list_rows(
     rows = _list_untold(own, answers, parsed)
     for kind, seen in sorted(answers.items()):
         for name, value in sorted(seen.values.items()):
-            place = seen.places.get(name) or _find_line(parsed, own, name)
+            place = seen.places.get(name) or _find_line(parsed, own, name, value)
             if (place and ours(place[0])) or (not place and value == planned.get(name)):
                 continue
             file, line, text = place or ("", 0, "")
@@ -156,8 +162,14 @@ def _spell(text: str) -> str:
 
 
 def _find_line(
-    parsed: typing.Sequence[Row], own: typing.Sequence[str], name: str
+    parsed: typing.Sequence[Row], own: typing.Sequence[str], name: str, value: str
 ) -> typing.Optional[typing.Tuple[str, int, str]]:
-    """Find the last line in files of the shell that assigns a variable."""
-    lines = [row for row in parsed if row["variable"] == name and os.path.basename(row["file"]) in own]
+    """Find the last line in files of the shell that gives a variable this value, or one that the shell alone knows."""
+    lines = [
+        row
+        for row in parsed
+        if row["variable"] == name
+        and _is_one(row["file"], own)
+        and (row["value"] == plain(value) or _COMPUTED.search(row["value"]))
+    ]
     return (lines[-1]["file"], lines[-1]["line"], lines[-1]["text"]) if lines else None

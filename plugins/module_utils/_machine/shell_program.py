@@ -9,29 +9,36 @@ The shell has no terminal, no input, an output that is thrown away, and a few se
 import ctypes
 import json
 import os
-import re
 import selectors
+import shlex
 import signal
 import subprocess
 import sys
 import time
 
 MOST = 1 << 20  # bytes of an environment
+MOST_PLACES = 100  # of a variable
 LONGEST = 500  # characters of a value or a line
 MARK = "\x1f"
 SUBREAPER = 36  # prctl(2): processes that lose their parent become ours
 ASK = "exec /usr/bin/env -0 >&{0}"
+# The prompts with which a shell reports each command: its file and line, then whether a subshell of bash, or an eval of zsh, runs it.
+PROMPTS = {
+    "bash": MARK.join(("+", "${BASH_SOURCE[0]}", "${LINENO}", "${BASH_SUBSHELL#0}", "")),
+    "zsh": MARK.join(("+", "%x", "%I", "%N", "")),
+}
+EVAL = "(eval)"  # whose lines zsh counts from the line of the command `eval` on
+SETTERS = ("export", "declare", "typeset", "readonly")
 
 
 def ask(shell, options, home, names, seconds):
     """Return (values, places): the variables that the shell exports, and (file, line, text) of the line that has set each last; None without an answer."""
     (out, answer), (trace, traced) = os.pipe(), os.pipe()
     variables = dict(os.environ, HOME=home, SHELL=shell, TERM="dumb", HISTFILE="/dev/null")
-    traces = os.path.basename(shell) == "bash"
-    if traces:  # bash reports the place of each command
-        variables.update(PS4="+" + MARK + "${BASH_SOURCE[0]}" + MARK + "${LINENO}" + MARK, BASH_XTRACEFD=str(traced))
-    command = [shell] + (["-x"] if traces else []) + options + ["-c", ASK.format(answer)]
-    nothing = subprocess.DEVNULL
+    kind, nothing = os.path.basename(shell), subprocess.DEVNULL
+    if kind in PROMPTS:
+        variables.update(PS4=PROMPTS[kind], BASH_XTRACEFD=str(traced))
+    command = [shell] + (["-x"] if kind in PROMPTS else []) + options + ["-c", ASK.format(answer)]
     try:
         process = subprocess.Popen(
             command,
@@ -39,7 +46,7 @@ def ask(shell, options, home, names, seconds):
             cwd=home,
             stdin=nothing,
             stdout=nothing,
-            stderr=nothing,
+            stderr=traced if kind == "zsh" else nothing,
             pass_fds=(answer, traced),
             start_new_session=True,
         )
@@ -55,7 +62,7 @@ def ask(shell, options, home, names, seconds):
         return None
     pairs = (entry.partition("=") for entry in output.decode("utf-8", "replace").split("\0"))
     values = {name: value[:LONGEST] for name, equals, value in pairs if equals and name in names}
-    return values, {name: place for name, place in places.last.items() if name in values}
+    return values, places.choose(values)
 
 
 def read_both(out, trace, places, deadline):
@@ -84,24 +91,55 @@ def read_both(out, trace, places, deadline):
 
 
 class VariablePlaces:
-    """The places where variables were set last, as the trace of bash shows them."""
+    """The places where variables were set, as the trace of the shell shows them."""
 
     def __init__(self, names, home):
-        self.last, self.home = {}, home
-        name = "|".join(names)
-        self.assigns = re.compile(r"(?:(?:export|declare|typeset|readonly) .*?)?(?:^|\s)\$?'?(" + name + ")=")
+        self.found, self.names, self.home, self.place = {}, names, home, ("", 0)
 
     def look(self, lines):
         """Look at lines of the trace."""
         for line in lines:
             if b"ROS_" not in line or len(line) > 4 * LONGEST:
                 continue
-            plus, _mark, rest = line.decode("utf-8", "replace").partition(MARK)
-            file, _mark, rest = rest.partition(MARK)
-            number, _mark, words = rest.partition(MARK)
-            found = self.assigns.match(words)
-            if found and file and number.isdigit() and not plus.strip("+"):
-                self.last[found.group(1)] = (os.path.join(self.home, file)[:LONGEST], int(number), words[:LONGEST])
+            fields = line.decode("utf-8", "replace").split(MARK, 4)
+            if len(fields) < 5 or not fields[1] or not fields[2].isdigit() or fields[0].strip("+"):
+                continue
+            if fields[3] != EVAL:
+                self.place = (os.path.join(self.home, fields[1])[:LONGEST], int(fields[2]))
+            if fields[3].isdigit():  # what a subshell sets is gone with it
+                continue
+            words = fields[4].partition(" +" + MARK)[0]  # zsh reports a command behind the variables that it alone gets
+            for name, value in list_assigned(words, self.names):
+                places = self.found.setdefault(name, {})
+                places.pop(value, None)  # so that the last one is the last
+                places[value] = self.place + (words[:LONGEST],)
+                if len(places) > MOST_PLACES:
+                    del places[next(iter(places))]
+
+    def choose(self, values):
+        """Choose the place where each variable got the value that it has: it was there for one command only where it got another value last."""
+        chosen = {}
+        for name, value in values.items():
+            fitting = [place for given, place in self.found.get(name, {}).items() if given in (None, value)]
+            if fitting:
+                chosen[name] = fitting[-1]
+        return chosen
+
+
+def list_assigned(words, names):
+    """List the variables that a command of a trace sets: (name, value), with None for a value in a form of the shell's own."""
+    try:
+        parts = shlex.split(words)
+    except ValueError:
+        parts = words.split()
+    sets, found = parts[:1] and parts[0] in SETTERS, []
+    for part in parts:
+        name, equals, value = part.lstrip("$").partition("=")
+        if equals and name in names:
+            found.append((name, None if "$'" in words else value[:LONGEST]))
+        elif not equals and not sets:
+            break
+    return found
 
 
 def end_all(process):

@@ -36,7 +36,11 @@ _SYSTEM = (
     "/etc/environment",
     "/etc/environment.d/*.conf",
     "/etc/zsh/zshenv",
+    "/etc/zsh/zprofile",
     "/etc/zsh/zshrc",
+    "/etc/zsh/zlogin",
+    "/etc/fish/conf.d/*.fish",
+    "/etc/fish/config.fish",
 )
 _PERSONAL = (
     ".bashrc",
@@ -44,16 +48,21 @@ _PERSONAL = (
     ".bash_login",
     ".profile",
     ".zshenv",
+    ".zprofile",
     ".zshrc",
+    ".zlogin",
     ".xsessionrc",
     ".pam_environment",
     ".ssh/environment",
+    ".config/fish/conf.d/*.fish",
+    ".config/fish/config.fish",
     ".config/environment.d/*.conf",
 )
 _READING = 20.0  # seconds for the files of all persons
 _NO_LOGIN = ("nologin", "false", "sync", "")
 _ANY_OF_THEM = "|".join(VARIABLES)
 _SETENV = re.compile(rf"(?:.*[;&\s])?setenv\s+({_ANY_OF_THEM})\s+(\S+)")
+_FISH = re.compile(rf"(?:.*[;&\s])?set\s+(?=(?:-\S+\s+)*(?:-\w*x\w*|--export)\s)(?:-\S+\s+)+({_ANY_OF_THEM})\s+(\S+)")
 _PAM = re.compile(rf"\s*({_ANY_OF_THEM})\s+(?:DEFAULT|OVERRIDE)=(\S+)")
 _GENERATOR = "/systemd/user-environment-generators/30-systemd-environment-d-generator"
 _OUR_GENERATOR = "/etc/systemd/user-environment-generators/90-rosfleet-multimaster"
@@ -130,9 +139,9 @@ def _read_as(user: typing.Tuple[int, int], home: str, under: str) -> typing.List
 
 
 def assignments(content: str) -> Rows:
-    """Find the lines of a shell's file (sh, csh, pam_env.conf(5)) that assign one of VARIABLES."""
+    """Find the lines of a shell's file (sh, csh, fish, pam_env.conf(5)) that assign one of VARIABLES."""
     rows = []
-    for number, line in enumerate(content.splitlines(), 1):
+    for number, line in enumerate(content.replace("\r\n", "\n").split("\n"), 1):
         if any(name in line for name in VARIABLES):
             for variable, value in _read_line(line):
                 shown = plain(person_shells.show_statement(line, variable))
@@ -142,11 +151,15 @@ def assignments(content: str) -> Rows:
 
 def _read_line(line: str) -> typing.List[typing.Tuple[str, str]]:
     words = _words(line)
-    other = None if not words else _SETENV.match(" ".join(words)) or _PAM.match(" ".join(words))
+    other = None if not words else _match_any(" ".join(words), _SETENV, _FISH, _PAM)
     if other:
         return [(other.group(1), other.group(2))]
     pairs = [word.partition("=") for word in words]
     return [(name, value) for name, equals, value in pairs if equals and name in VARIABLES]
+
+
+def _match_any(words: str, *forms: "re.Pattern[str]") -> typing.Optional["re.Match[str]"]:
+    return next(filter(None, (form.match(words) for form in forms)), None)
 
 
 def _words(line: str) -> typing.List[str]:
