@@ -13,6 +13,8 @@ from pathlib import Path
 import remedy
 from catalogue import Fault
 
+PREDICTION = "The prediction of reachability"
+
 
 @dataclass(frozen=True)
 class Row:
@@ -68,4 +70,4 @@ def told_of_unexplained(rows: Sequence[Row]) -> str:
 def told_of_prediction(rows: Sequence[Row]) -> str:
     """The agreement of the predicted reachability with the measured one, over all faults."""
     ways, same = sum(row.ways for row in rows), sum(row.agreeing for row in rows)
-    return f"The prediction of reachability agrees with what was measured in {same} of {ways} ways."
+    return f"{PREDICTION} agrees with what was measured in {same} of {ways} ways."

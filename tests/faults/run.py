@@ -6,7 +6,8 @@
     python tests/faults/run.py [--only NAME]... [--quick] [--resume] [--remedy] [--record FOLDER] [--page]
 
 `make test-faults` runs all of it and writes the table of tests/evidence/faults.md. What came of each fault is kept below .work, so
-that a long run may be made of short ones: `--resume` leaves out what has a result, and `--page` writes the table of what is kept.
+that a long run may be made of short ones: `--resume` leaves out what has a result, and `--page` writes the table of what is kept;
+the rows of other faults stay as they are.
 `--remedy` also pastes the command of what is named first, as a person would, and verifies again.
 """
 
@@ -31,7 +32,7 @@ import remedy  # noqa: E402
 import state  # noqa: E402
 from agreement import Agreement, agreement  # noqa: E402
 from catalogue import LAB, Fault, Step, facts_of, load  # noqa: E402
-from kept import Kept, Row, told_of_prediction, told_of_remedies, told_of_unexplained  # noqa: E402
+from kept import PREDICTION, Kept, Row, told_of_prediction, told_of_remedies, told_of_unexplained  # noqa: E402
 from machines.layout import Extra, read_inventory  # noqa: E402
 from machines.podman import LabError  # noqa: E402
 from subject import Lab, lab_of  # noqa: E402
@@ -254,13 +255,17 @@ def told(result: Result) -> list[str]:
 
 
 def write_page() -> None:
-    """Write the table of all faults, of what is kept; who was not tried is told there, too."""
-    rows = {fault: KEPT.get(fault) for fault in chosen((), quick=False)}
-    tried = [row for row in rows.values() if row is not None]
-    page.write(
-        rows.items(), " ".join(tell(tried) for tell in (told_of_remedies, told_of_unexplained, told_of_prediction))
-    )
-    print(f"The table is of the revisions {', '.join(sorted({row.revision for row in tried}))}.")
+    """Write the table of all faults: of what is kept, or else of what the page has already. Who was not tried is told there, too."""
+    faults = chosen((), quick=False)
+    before = page.read(faults)
+    kept = {fault: row for fault in faults if (row := KEPT.get(fault))}
+    rows = {fault: kept.get(fault) or before.get(fault) for fault in faults}
+    tried = list(filter(None, rows.values()))
+    # A row of the page has no counts, so these sentences are of a table whose faults were all tried here.
+    counts = (told_of_unexplained, told_of_prediction) if len(kept) == len(tried) else ()
+    told = [tell(tried) for tell in (told_of_remedies, *counts)]
+    page.write(rows.items(), " ".join(told if counts else [*told, page.find_sentence(PREDICTION)]))
+    print(f"The table is of the revisions {', '.join(sorted({row.revision for row in kept.values()}))}.")
     untried = [fault.name for fault, row in rows.items() if row is None]
     if untried:
         print(f"Not tried: {', '.join(untried)}; try them with --resume.")
