@@ -13,7 +13,7 @@ from ..._contract.outcomes import Outcome
 from ..._machine.outcomes import connect
 from ..ros_client.hosts import place_of
 from ..ros_client.listener import Message, TopicListener, listener_of
-from ..ros_client.ros import Ros, roscore
+from ..ros_client.ros import Ros, wait_for_roscore
 from .network import TRIES
 from .talker import sentence_of, topic_of
 
@@ -28,7 +28,7 @@ def topics(
     """Hear the topics of all talkers with one node, and look up the registered publishers of each."""
     if not talkers or ros.problem():
         return []
-    gone = roscore(ros, deadline)["error"]  # it may start only now
+    gone = wait_for_roscore(ros, deadline)["error"]  # it may start only now
     # The probe does not subscribe at a roscore without an answer: it would have to wait for the unsubscription, too.
     heard, errors, steps = ({}, {}, None) if gone else listen(ros, talkers, label, own, deadline)
     settled = time.monotonic() + REGISTERING

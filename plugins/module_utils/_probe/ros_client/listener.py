@@ -86,7 +86,7 @@ class TopicListener:
         for topic in topics:
             while time.monotonic() < deadline:
                 try:
-                    self.ros.ask("unregisterSubscriber", topic, self.node.uri, caller=self.name)
+                    self.ros.ask("unregisterSubscriber", topic, self.node.uri, caller=self.name, patient=True)
                     break
                 except OSError as problem:
                     if isinstance(problem.__cause__, ConnectionRefusedError):

@@ -24,6 +24,7 @@ from ..._machine import ports
 from ..._machine.outcomes import classify_error, connect
 from . import node_services, tcpros
 from .hosts import place_of
+from .silence import Silence
 from .xml_rpc import Tables, ask, read_state
 
 CALLER = "/multimaster_verify"
@@ -40,6 +41,7 @@ class Ros:
         self.file = environment_file
         self.variables = environment(text(environment_file)) or dict(without or {})
         self.uri = self.variables.get("ROS_MASTER_URI", "")
+        self._silence = Silence()
 
     def problem(self, command: str = "rostopic") -> str:
         """Say why no node can run here, by a command of ROS, or nothing: a second computer of a robot may be without ROS."""
@@ -73,21 +75,31 @@ class Ros:
         error = answer.last_error or f"the Python of ROS ended with status {answer.status}"
         return answer.text, plain(error) if answer.status else ""
 
-    def ask(self, method: str, *arguments: typing.Any, caller: str = CALLER) -> typing.Any:
-        """Call a method of the master API. Raises OSError with a sentence if the roscore gives no value."""
-        return ask(self.uri, caller, method, *arguments)
+    def ask(self, method: str, *arguments: typing.Any, caller: str = CALLER, patient: bool = False) -> typing.Any:
+        """Call a method of the master API. Raises OSError with a sentence if the roscore gives no value.
 
-    def read_state(self) -> Tables:
+        A roscore that has been silent for long is asked again by the `patient` alone.
+        """
+        return self._silence.ask(lambda: ask(self.uri, caller, method, *arguments), patient)
+
+    def read_state(self, patient: bool = False) -> Tables:
         """Read publishers, subscribers and services: {name: nodes}. Raises OSError."""
-        return read_state(self.uri, CALLER)
+        return self._silence.ask(lambda: read_state(self.uri, CALLER), patient)
 
 
 def roscore(ros: Ros, deadline: float) -> typing.Dict[str, typing.Any]:
     """Ask the roscore of ROS_MASTER_URI for the URI by which its nodes know it."""
+    seen = wait_for_roscore(ros, deadline)
+    return _look_closer(seen) if seen["outcome"] == Outcome.NO_ANSWER.value else seen
+
+
+def wait_for_roscore(ros: Ros, deadline: float) -> typing.Dict[str, typing.Any]:
+    """Ask the roscore for its URI until it answers, or until the deadline (monotonic seconds)."""
 
     def look() -> typing.Dict[str, typing.Any]:
         try:
-            return {"uri": ros.uri, "answer": str(ros.ask("getUri")), "error": "", "outcome": Outcome.ANSWERED.value}
+            answer = str(ros.ask("getUri", patient=True))
+            return {"uri": ros.uri, "answer": answer, "error": "", "outcome": Outcome.ANSWERED.value}
         except OSError as problem:
             outcome = classify_error(problem.__cause__)[0]
             return {"uri": ros.uri, "answer": "", "error": str(problem), "outcome": outcome.value}
@@ -95,8 +107,7 @@ def roscore(ros: Ros, deadline: float) -> typing.Dict[str, typing.Any]:
     if not ros.uri:
         error = f"{ros.file} has no ROS_MASTER_URI"
         return {"uri": "", "answer": "", "error": error, "outcome": Outcome.NOT_TRIED.value}
-    seen = poll(look, lambda seen: not seen["error"], deadline)
-    return _look_closer(seen) if seen["outcome"] == Outcome.NO_ANSWER.value else seen
+    return dict(poll(look, lambda seen: not seen["error"], deadline))
 
 
 def _look_closer(seen: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
@@ -119,7 +130,7 @@ def list_masters(ros: Ros, wanted: typing.Set[str], deadline: float) -> typing.D
 
     def look() -> typing.Dict[str, typing.Any]:
         try:
-            own = node_services.find_own(ros.uri, CALLER, ros.read_state()[2], node_services.LIST_MASTERS)
+            own = node_services.find_own(ros.uri, CALLER, ros.read_state(patient=True)[2], node_services.LIST_MASTERS)
             service = own[0] if own else LIST_MASTERS
             rows, _type = tcpros.call_by_name(ros.uri, service, tcpros.LIST_MASTERS, CALLER)
         except OSError as problem:

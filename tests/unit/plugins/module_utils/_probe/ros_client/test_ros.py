@@ -129,7 +129,7 @@ def test_a_state_that_is_none_is_a_sentence(roscore, monkeypatch, state):
 def test_what_a_strange_roscore_answers_becomes_text(ros, monkeypatch):
     """Else the answer of each computer of the robot would be refused as a whole."""
     made, _command = ros
-    monkeypatch.setattr(made, "ask", lambda method: 5)
+    monkeypatch.setattr(made, "ask", lambda method, patient: 5)
     assert probe_ros.roscore(made, 0)["answer"] == "5"
     monkeypatch.setattr(xml_rpc, "ask", lambda uri, caller, method: [[[6, [7, None]]], [], []])
     assert topics.read_publishers(made) == {"6": ["7", "None"]}
