@@ -224,6 +224,23 @@ def _accept_first(component: Component, networks: Iterable[IPv4Network]) -> Comm
             yield " ".join(filter(None, words))
 
 
+def _let_nodes_in(computer: Participant, _components: Sequence[Component], state: FleetState) -> Commands:
+    """A rule before the one that was not understood lets the fleet reach all nodes: each start gives a node other ports."""
+    networks = sorted(state.fleet.network_names)
+    return _accept_unread(computer.seen.filters, Component("filter", computer.name, "nodes in"), networks)
+
+
+def _free_sync(computer: Participant, _components: Sequence[Component], state: FleetState) -> Iterator[Advice]:
+    """The node starts again; if a packet filter may keep it alone from the others, its packets are accepted first."""
+    restart, filters = "systemctl restart multimaster-sync", computer.seen.filters
+    yield Advice(computer.name, restart)
+    if filters is not None and filters.readable:
+        out = Component("filter", computer.name, "nodes out")
+        for rule in filter(None, _accept_unread(filters, out, sorted(state.fleet.network_names))):
+            yield Advice(computer.name, f"{rule}; {restart}", f"if it stays so: {KEPT_APART}; {UNTIL}")
+
+
+KEPT_APART = "a packet filter there has rules that are not understood, perhaps for the user of this node alone"
 HANGS = "lets a stopped process go on; if it hangs, kill -9 in the place of kill -CONT ends it: then start it again"
 CONNTRACK = "conntrack -D --src-nat"
 PACKAGE = "conntrack is of the package of that name; it ends connections from before, which are still translated"
@@ -277,6 +294,7 @@ COMMANDS: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], F
     ("limit", "unit"): _limit_files,
     ("translation", "on"): _stop_translating,
     ("node", "hung"): _continue_nodes,
+    ("node", "fenced"): _let_nodes_in,
     ("clock", "off"): _step_clock,
     **dict.fromkeys(RULED, _accept_packets),
 }
@@ -346,6 +364,7 @@ OTHER_UNIT = re.compile(
 STEPWISE: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], FleetState], Iterator[Advice]]] = {
     ("interface", "duplicate"): _name_second_holder,
     ("program", "full"): _raise_limits,
+    ("sync", "stale"): _free_sync,
     ("set_up", "others"): _stop_others,
 }
 

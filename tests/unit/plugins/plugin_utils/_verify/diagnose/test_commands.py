@@ -305,6 +305,36 @@ def test_beside_a_chain_that_may_drop_one_that_is_not_understood_gets_no_rule(mo
         assert len(make_commands([Component("filter", NAME, mode)], run.run[NAME], run.state)) == count
 
 
+def test_a_node_that_is_fenced_by_a_rule_that_is_not_understood_is_let_in():
+    fleet = fig12()
+    seen = observed(fleet)
+    update(seen[NAME], filters=FilterChains(True, (FilterChain("input", "inet own", "accept", (), 1, "one"),)))
+    run = Verification(CHECKS, fleet, seen)
+    (advice,) = make_commands([Component("node", NAME, "fenced", "/talker")], run.run[NAME], run.state)
+    assert advice == (NAME, let_in("inet own one ip saddr $net tcp dport 1024-65535 accept"), UNTIL)
+    update(seen[NAME], filters=FilterChains(True, ()))
+    assert not make_commands([Component("node", NAME, "fenced", "/talker")], run.run[NAME], run.state)
+
+
+def test_a_stale_sync_node_starts_again_and_passes_a_rule_that_is_not_understood():
+    fleet = fig12()
+    seen = observed(fleet)
+    run = Verification(CHECKS, fleet, seen)
+    restart = "systemctl restart multimaster-sync"
+    own = FilterChain("output", "inet own", "accept", (), 1, "one")
+    rule = let_in("inet own one ip daddr $net tcp dport 1024-65535 accept")
+    for filters, words in (
+        (None, [restart]),
+        (FilterChains(False, ()), [restart]),
+        (FilterChains(True, (replace(own, unread=0),)), [restart]),
+        (FilterChains(True, (own,)), [restart, f"{rule}; {restart}"]),
+    ):
+        update(seen[NAME], filters=filters)
+        found = make_commands([Component("sync", NAME, "stale", "dabo")], run.run[NAME], run.state)
+        assert [one.text for one in found] == words
+    assert found[1].effect.endswith(UNTIL)
+
+
 def masquerading(**values):
     rule = FilterRule("masquerade", leaving="eth0", chain=values.pop("chain", "post"))
     return FilterChain("postrouting", values.pop("table", "inet own"), "accept", (rule,), **values)
