@@ -8,6 +8,8 @@
       - tibi-arm: nft ...
     settled:                     # steps whose commands succeed as soon as the fault has its effect
       - kobuki-pc: "! ping -c1 -W1 <tibi-arm>"
+    hands:                       # steps of a person who does what the finding tells in words, for --remedy
+      - tibi-arm: nft ...
     undo:
       - tibi-arm: nft ...
     parts: [filter icmp in, filter icmp]     # kind and mode of plugin_utils/_verify/components/component.py; each of them is right
@@ -29,8 +31,8 @@ import yaml
 
 FOLDER = Path(__file__).with_name("catalogue")
 LAB = "lab"
-KEYS = {"title", "inject", "settled", "undo", "parts", "at", "quick"}
-NEEDED = KEYS - {"settled", "quick"}
+KEYS = {"title", "inject", "settled", "hands", "undo", "parts", "at", "quick"}
+NEEDED = KEYS - {"settled", "hands", "quick"}
 PLACEHOLDER = re.compile(r"<([a-z][a-z-]*(?:\.common)?)>")
 
 
@@ -58,6 +60,7 @@ class Fault:
     parts: tuple[tuple[str, str], ...]  # (kind, mode)
     at: tuple[str, ...]
     quick: bool
+    hands: tuple[Step, ...] = ()  # what is told in words, as commands
 
 
 def load(facts: Mapping[str, str], folder: Path = FOLDER) -> list[Fault]:
@@ -86,6 +89,7 @@ def read(path: Path, facts: Mapping[str, str]) -> Fault:
         tuple(tuple(part.split(" ", 1)) for part in row["parts"]),
         tuple(row["at"]),
         row.get("quick", False),
+        steps("hands"),
     )
 
 

@@ -57,9 +57,13 @@ class Kept:
 def told_of_remedies(rows: Sequence[Row]) -> str:
     """The number of told commands that mended the named part, over all faults where one was tried."""
     words = [row.remedied.partition(":")[0] for row in rows if row.remedied]
-    commands = [word for word in words if word != remedy.WORDS]
-    mend = commands.count(remedy.MENDS)
-    return f"The command that is told mends it in {mend} of {len(commands)}; {len(words) - len(commands)} are told in words."
+    done = [word for word in words if word.endswith(f", {remedy.BY_HAND}")]
+    commands = [word for word in words if word != remedy.WORDS and word not in done]
+    mend, mend_by_hand = commands.count(remedy.MENDS), done.count(f"{remedy.MENDS}, {remedy.BY_HAND}")
+    return (
+        f"The command that is told mends it in {mend} of {len(commands)}; {len(words) - len(commands)} are told in words; "
+        f"of these {len(done)} were done by hand, and mend it in {mend_by_hand}."
+    )
 
 
 def told_of_unexplained(rows: Sequence[Row]) -> str:

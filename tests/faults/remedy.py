@@ -16,6 +16,7 @@ from catalogue import Step
 
 CONTROLLER, SITE = "controller", "site.yml"
 MENDS, FAILS, STAYS, OTHER, WORDS = "yes", "the command fails", "no", "no, another is named", "words"
+BY_HAND = "by hand"  # after MENDS, STAYS or OTHER: words were told, and done as the catalogue has them
 WRONG = (FAILS, STAYS, OTHER)
 PART = ("kind", "mode", "place")
 COMPUTER = re.compile(r"[a-z0-9-]+")

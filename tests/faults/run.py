@@ -168,17 +168,18 @@ class Catalogue:
         if first["sure"] == "inferred":
             return f"{remedy.WORDS}: look: {told}"  # it says where to look, and advises no change
         steps = remedy.steps(first["do"])
-        for step in steps:
+        by_hand = "" if steps else f", {remedy.BY_HAND}"
+        for step in steps or fault.hands:
             wrong = self._pasted(step)
             if wrong:
                 return f"{remedy.FAILS}: {told}: {wrong}"
-        if not steps:
+        if not (steps or fault.hands):
             return f"{remedy.WORDS}: {told}"
         report = WORK / f"{fault.name}.after.json"
         output = self._verify(report, WORK / f"{fault.name}.after.observations.json")
         if not report.exists():
             return f"{remedy.FAILS}: {told}: {output[-600:]}"
-        return f"{remedy.result(before, json.loads(report.read_text()))}: {told}"
+        return f"{remedy.result(before, json.loads(report.read_text()))}{by_hand}: {told}"
 
     def _pasted(self, step: Step) -> str:
         """Paste a command; return what it says if it fails."""

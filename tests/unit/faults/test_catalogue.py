@@ -24,7 +24,7 @@ FACTS = {
     "port": "11511",
 }
 ALL = catalogue.load(FACTS)
-SHELL = [(fault.name, step) for fault in ALL for step in (*fault.inject, *fault.settled, *fault.undo)]
+SHELL = [(fault.name, step) for fault in ALL for step in (*fault.inject, *fault.settled, *fault.hands, *fault.undo)]
 
 
 @pytest.mark.parametrize("fault", ALL, ids=lambda fault: fault.name)

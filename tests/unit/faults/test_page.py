@@ -5,7 +5,7 @@
 
 import catalogue
 import page
-from kept import Row
+from kept import Row, told_of_remedies
 
 
 def fault(name, parts):
@@ -28,3 +28,11 @@ def test_a_row_of_another_expected_part_is_left_out():
 
 def test_the_page_has_the_sentence_of_the_prediction():
     assert page.find_sentence("The prediction of reachability").endswith(" ways.")
+
+
+def test_words_that_hands_have_tried_are_counted_apart_from_commands():
+    told = ("yes: do", "no: do", "words: write", "yes, by hand: write", "no, by hand: write", "")
+    sentence = told_of_remedies([Row("first", "", 0.0, 0, 0, "", remedied=one) for one in told])
+    assert sentence == (
+        "The command that is told mends it in 1 of 2; 3 are told in words; of these 2 were done by hand, and mend it in 1."
+    )
