@@ -79,7 +79,7 @@ FILTERS: Mapping[Key, Fault] = {
 GATEWAYS: Mapping[Key, Fault] = {
     ("filter", "forward"): Fault(
         "RF-301",
-        "a packet filter on {place} drops {what} meant for another network, as Docker sets it up",
+        "a packet filter on {place} drops {what} meant for another network",
         do=(
             hand(
                 f"accept packets that are forwarded between the robots' networks on {{place}}, {MAKERS} (with Docker in the chain DOCKER-USER)"
