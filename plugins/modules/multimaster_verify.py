@@ -661,7 +661,8 @@ services:
     restarts: {description: How often systemd had to start it again by itself., type: int}
     differing: {description: 'The variables of O(environment_file) and of O(variables) that its running process has with another
           value, or not at all.', type: list, elements: str}
-    drop_ins: {description: 'The drop-in files of its unit that set another command, or variables.', type: list, elements: str}
+    drop_ins: {description: 'The drop-in files of its unit that set, or take away, a variable that differs.', type: list, elements: str}
+    command_drop_ins: {description: The drop-in files of its unit with another command., version_added: 1.1.0, type: list, elements: str}
     since: {description: 'C(StateChangeTimestamp) of systemd, the time of its last change of state, empty if it never ran.',
         type: str}
     stopped: {description: 'Whether its process is stopped by a signal or a debugger, so that it runs and does nothing.', type: bool}

@@ -118,6 +118,7 @@ MORE = {
             **{
                 "differing": ["?"],
                 "drop_ins": ["?"],
+                "command_drop_ins": ["?"],
                 "refused": ["?"],
                 "refusals": [{"name": "?", "kind": "place", "there": "?", "master": "?", "here": "?"}],
                 "since": "?",

@@ -41,8 +41,14 @@ class ServiceState(Struct):
         default=(),
     )
     drop_ins: typing.Tuple[str, ...] = field(
-        "The drop-in files of its unit that set another command, or variables. The latter are looked for if some variables differ.",
+        "The drop-in files of its unit that set, or take away, a variable that differs.",
         [],
+    )
+    command_drop_ins: typing.Tuple[str, ...] = field(
+        "The drop-in files of its unit with another command. One that only runs the same command by another program, such as nice(1), "
+        "is left out.",
+        [],
+        added="1.1.0",
     )
     since: str = field(
         "C(StateChangeTimestamp) of systemd, the time of its last change of state, empty if it never ran.",

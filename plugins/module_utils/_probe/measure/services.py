@@ -3,6 +3,8 @@
 
 """The services of the collection on this computer: their state, and the environment of their processes."""
 
+import glob
+import itertools
 import re
 import time
 import typing
@@ -11,7 +13,10 @@ from ..._base import commands, processes
 from ..._base.regular_files import read_regular
 from ..._machine import systemd, unit_ends
 
-_MOST = 65536  # bytes of a drop-in file
+_MOST = 65536  # bytes of a file of systemd, or of one with variables
+_MOST_FILES = 20  # with variables, which a drop-in file names
+_SETTING = re.compile(r"\s*([A-Za-z]+)\s*=\s*(.*?)\s*\Z", re.DOTALL)
+_PREFIXES = "-@:+!|"  # of the path of a command (systemd.service(5))
 _MOST_PROCESSES = 32  # of a service
 _PROPERTIES = (
     "LoadState",
@@ -20,6 +25,7 @@ _PROPERTIES = (
     "NRestarts",
     "MainPID",
     "EnvironmentFiles",
+    "FragmentPath",
     "DropInPaths",
     "StateChangeTimestamp",
     "StatusText",
@@ -27,14 +33,15 @@ _PROPERTIES = (
     "ControlGroup",
     "Result",
 )
-COMMAND = re.compile(rb"\s*ExecStart\s*=")  # not ExecStartPre=
-VARIABLES = re.compile(rb"\s*(?:Environment|EnvironmentFile)\s*=")
 _REFUSED = 50  # names that a node refuses, which are reported
 _WORD = r'("[^"]*"|[^\s"(),]+)'  # as quote() writes it
 _MORE = re.compile(r"(?:^|, )and [0-9]+ more$")
 # An entry of rosfleet_multimaster/sync/core/report.py: name, kind, the value there, its master, and the value here or the reason of the refusal.
 # It begins at the beginning of a word: from each letter of a long one, it would read to the end of it again.
 _REFUSAL = re.compile(rf"(?<![^\s\"(),]){_WORD}(?: \(([a-z]{{1,20}}) {_WORD} of {_WORD}: {_WORD}\))?(?:, |$)")
+
+
+Settings = typing.List[typing.Tuple[str, str]]  # name and value, in the order of the file
 
 
 def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typing.List[typing.Dict[str, typing.Any]]:
@@ -59,6 +66,7 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
             "stopped": processes.is_stopped(pid),
             "differing": [],
             "drop_ins": [],
+            "command_drop_ins": [],
             "since": seen.get("StateChangeTimestamp", ""),
             "refused": refused,
             "refusals": refusals,
@@ -69,8 +77,9 @@ def services(names: typing.List[str], variables: typing.Dict[str, str]) -> typin
         entry["open_files"], entry["most_files"] = count_files(seen.get("ControlGroup", ""))
         if pid != "0" and seen.get("EnvironmentFiles"):  # a service without the file needs no ROS
             entry["differing"] = _read_changed(pid, variables)
-        settings = (COMMAND, VARIABLES) if entry["differing"] else (COMMAND,)
-        entry["drop_ins"] = [path for path in seen.get("DropInPaths", "").split() if has_setting(path, settings)]
+        paths = seen.get("DropInPaths", "").split()
+        entry["drop_ins"] = list_with_variables(paths, entry["differing"] or ())
+        entry["command_drop_ins"] = list_with_commands(paths, seen.get("FragmentPath", ""))
         found.append(entry)
     return found
 
@@ -133,15 +142,61 @@ def count_files(
     return min(counted, key=lambda files: files[1] - files[0], default=(None, None))
 
 
-def has_setting(path: str, settings: typing.Tuple[typing.Pattern[bytes], ...]) -> bool:
-    """Return True if a line of a drop-in file has one of these forms; systemctl show writes a blank in a path otherwise, so it is not found."""
-    try:
-        lines = read_regular(path, _MOST).splitlines()
-    except OSError:
-        return False
-    return any(setting.match(line) for line in lines for setting in settings)
-
-
 def find_changed(process: typing.Dict[str, str], wanted: typing.Dict[str, str]) -> typing.List[str]:
     """Name the wanted variables that have another value, or are missing, in the environment of a process."""
     return sorted(name for name, value in wanted.items() if process.get(name) != value)
+
+
+# Drop-in files
+
+
+def list_with_variables(paths: typing.Iterable[str], names: typing.Iterable[str]) -> typing.List[str]:
+    """List the drop-in files that decide one of these variables: by a value, a file of values, the command, or by taking it away."""
+    wanted = "|".join(map(re.escape, names))
+    return [path for path in paths if wanted and any(_decides(*one, wanted) for one in _read_settings(path))]
+
+
+def list_with_commands(paths: typing.Iterable[str], unit_file: str) -> typing.List[str]:
+    """List the drop-in files with another command than that of the unit's own file; one that only runs it by nice(1) or taskset(1) has the same."""
+    own = [_plain(value) for value in _commands(unit_file)]
+    return [path for path in paths if any(not any(one in value for one in own) for value in _commands(path))]
+
+
+def _commands(path: str) -> typing.List[str]:
+    return [value for name, value in _read_settings(path) if name == "ExecStart" and value]
+
+
+def _plain(command: str) -> str:
+    return command.lstrip(_PREFIXES)
+
+
+def _read_settings(path: str) -> Settings:
+    """Read the settings of a unit's file (systemd.syntax(7)); none if it cannot be read. systemctl writes a blank in a path otherwise, so it is not found."""
+    settings: Settings = []
+    for line in re.sub(r"\\\n", " ", _read_text(path)).split("\n"):
+        found = None if line.lstrip().startswith(("#", ";")) else _SETTING.match(line)
+        settings += [(found.group(1), found.group(2))] if found else []
+    return settings
+
+
+def _read_text(path: str) -> str:
+    try:
+        return read_regular(path, _MOST).decode("utf-8", "replace")
+    except OSError:
+        return ""
+
+
+def _decides(name: str, value: str, wanted: str) -> bool:
+    """Return True if a setting decides one of the variables (names, as a pattern)."""
+    if name == "EnvironmentFile":  # an empty one takes all files away, that of the collection among them
+        return not value or _file_has(value.lstrip("-"), wanted)
+    if name == "UnsetEnvironment":
+        return bool(re.search(rf"(?:^|[\s\"'])(?:{wanted})(?=[\s\"'=]|$)", value))
+    return name in ("Environment", "ExecStart") and bool(re.search(rf"(?:^|[\s\"'])(?:{wanted})=", value))
+
+
+def _file_has(path: str, wanted: str) -> bool:
+    if "%" in path:  # only systemd knows which file it is
+        return True
+    files = itertools.islice(glob.iglob(path), _MOST_FILES)
+    return any(re.search(rf"^\s*(?:{wanted})\s*=", _read_text(file), re.MULTILINE) for file in files)

@@ -19,7 +19,7 @@ from ..._network.model import ACCEPT, DROP, MASQUERADE, REJECT
 from ..checks.programs import describe_full
 from ..components.component import Component
 from ..context.check_context import FleetState, Participant
-from ..observe.observations import FilterChain, FilterChains, ServiceState
+from ..observe.observations import FilterChain, FilterChains
 from .node_remedies import list_remedies
 from .onset import MAKERS
 
@@ -92,27 +92,28 @@ def _comment_out_settings(computer: Participant, components: Sequence[Component]
 
 
 def _drop_ins(computer: Participant, _components: Sequence[Component], _state: FleetState) -> Commands:
-    """Drop-in files that set variables are set aside, and their units start again.
+    """Drop-in files that set the variables that differ are set aside, and their units start again.
 
     Nodes are registered at the roscore, so a drop-in of one of them has all of them start again.
     """
-    changed = [entry for entry in computer.probe.services if entry.drop_ins and entry.differing]
-    nodes = ROS if any(entry.name in ROS for entry in changed) else ()
-    return _set_aside(changed, [one for one in computer.probe.services if one in changed or one.name in nodes])
+    files = {entry.unit: entry.drop_ins for entry in computer.probe.services if entry.drop_ins and entry.differing}
+    nodes = ROS if any(entry.name in ROS for entry in computer.probe.services if entry.unit in files) else ()
+    return _set_aside(files, [one.unit for one in computer.probe.services if one.unit in files or one.name in nodes])
 
 
 def _drop_ins_of_node(computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
     """Drop-in files of the node's own unit are set aside: one with another command gives it other parameters."""
     names = {component.kind for component in components}
-    changed = [entry for entry in computer.probe.services if entry.drop_ins and entry.name in names]
-    return _set_aside(changed, changed)
+    services = [entry for entry in computer.probe.services if entry.command_drop_ins and entry.name in names]
+    files = {entry.unit: entry.command_drop_ins for entry in services}
+    return _set_aside(files, list(files))
 
 
-def _set_aside(changed: Iterable[ServiceState], started: Iterable[ServiceState]) -> Commands:
-    """Set the drop-in files of services aside, and start services again."""
-    paths = [("drop-in", path) for entry in changed for path in entry.drop_ins]
+def _set_aside(files: Mapping[str, Sequence[str]], started: Sequence[str]) -> Commands:
+    """Set drop-in files ({unit: files}) aside, and start units again."""
+    paths = [("drop-in", path) for each in files.values() for path in each]
     moves = [advice.command("mv {} {}.off", path, path) for path in paths]
-    units = [("unit", entry.unit) for entry in started]
+    units = [("unit", unit) for unit in started]
     restart = advice.command(" ".join(["systemctl restart", *("{}" for _unit in units)]), *units)
     if any(moves) and restart:
         yield from [*moves, "systemctl daemon-reload", restart]

@@ -30,18 +30,51 @@ def test_a_service_without_the_environment_file_is_the_same(monkeypatch, files, 
     assert services.services(["connections"], {"NOT_HERE": "1"})[0]["differing"] == differing
 
 
-def test_a_drop_in_file_with_other_variables_or_another_command_is_named(monkeypatch, tmp_path):
-    texts = {"a": "  EnvironmentFile=/run/one\n", "b": "Nice=5\n", "d": "ExecStart =\nExecStart=/bin/other\n"}
-    texts["e"] = "ExecStartPre=/bin/sleep 5\nExecStartPost=/bin/true\n"
-    for name, text in texts.items():
-        (tmp_path / f"{name}.conf").write_text(f"[Service]\n{text}")
-    paths = " ".join(str(tmp_path / f"{name}.conf") for name in "abcde")
-    seen = {"MainPID": str(os.getpid()), "EnvironmentFiles": "one", "DropInPaths": paths}
+UNIT = "[Service]\nExecStart=/usr/bin/python3 -m node --parameters %E/node.json\n"
+SAME = "/usr/bin/python3 -m node --parameters %E/node.json"
+
+
+@pytest.mark.parametrize(
+    ("text", "variables", "command"),
+    [
+        ("  EnvironmentFile = -{file}\n", True, False),
+        ("EnvironmentFile={folder}/with*\n", True, False),
+        ("EnvironmentFile=%h/variables\n", True, False),  # only systemd knows which file it is
+        ("EnvironmentFile=\n", True, False),  # no file at all, so not that of the collection
+        ("EnvironmentFile={folder}/none\n", False, False),
+        ("EnvironmentFile={folder}/other\n", False, False),
+        ("Environment=A=1 \\\n  'ROS_IP=10.0.0.1'\n", True, False),
+        ("Environment=MY_ROS_IP=10.0.0.1 ROS_IP_2=1\n", False, False),
+        ("Environment=\n", False, False),
+        ("# Environment=ROS_IP=1\n; Environment=ROS_IP=1\n", False, False),
+        ("UnsetEnvironment=LANG ROS_IP\n", True, False),
+        ("UnsetEnvironment=ROS_IP_2\n", False, False),
+        ("Nice=5\n", False, False),
+        ("ExecStart =\nExecStart=/bin/other\n", False, True),
+        ("ExecStart=\nExecStart=-/usr/bin/nice -n 5 {same}\n", False, False),
+        ("ExecStart=\nExecStart=/usr/bin/taskset 1 \\\n {same}\n", False, False),
+        ("ExecStart=\nExecStart=/usr/bin/env ROS_IP=10.0.0.1 {same}\n", True, False),
+        ("ExecStart=\nExecStart=/bin/sh -c 'ROS_IP=10.0.0.1 exec /bin/other'\n", True, True),
+        ("ExecStartPre=/bin/sleep 5\nExecStartPost=/bin/true\n", False, False),
+        (None, False, False),  # it is not there
+    ],
+)
+def test_a_drop_in_file_is_named_for_the_variables_or_the_command_that_it_sets(
+    monkeypatch, tmp_path, text, variables, command
+):
+    places = {"file": str(tmp_path / "with"), "folder": str(tmp_path), "same": SAME}
+    for name, content in (("with", "# one\n ROS_IP=10.0.0.1\n"), ("other", "LANG=C\nA_ROS_IP=1\n"), ("unit", UNIT)):
+        (tmp_path / name).write_text(content)
+    path = tmp_path / "a.conf"
+    if text is not None:
+        path.write_text("[Service]\n" + text.format(**places))
+    seen = {"MainPID": str(os.getpid()), "EnvironmentFiles": "one", "DropInPaths": str(path)}
+    seen["FragmentPath"] = str(tmp_path / "unit")
     monkeypatch.setattr(services.systemd, "show", lambda units, _properties: UnitProperties([seen for _unit in units]))
-    assert services.services(["sync"], {"NOT_HERE": "1"})[0]["drop_ins"] == [
-        str(tmp_path / f"{name}.conf") for name in "ad"
-    ]
-    assert services.services(["sync"], {})[0]["drop_ins"] == [str(tmp_path / "d.conf")]  # which has another command
+    monkeypatch.delenv("ROS_IP", raising=False)
+    (entry,) = services.services(["sync"], {"ROS_IP": "192.168.1.2"})
+    assert (entry["drop_ins"], entry["command_drop_ins"]) == ([str(path)] * variables, [str(path)] * command)
+    assert services.services(["sync"], {})[0]["drop_ins"] == []  # no variable differs
 
 
 HOLDS = """

@@ -68,6 +68,12 @@ def dropped(*files):
     return lambda probe: update(probe, services=tuple(units))
 
 
+def commanded(*files):
+    """A drop-in with another command, on a computer where no variable differs."""
+    unit = ServiceState("sync", "multimaster-sync.service", command_drop_ins=files)
+    return lambda probe: update(probe, services=(unit,))
+
+
 def dropped_of_routing(probe):
     """A drop-in of a unit that is no node of ROS, on a computer without such nodes."""
     file = "/etc/systemd/system/multimaster-multicast-routing.service.d/a.conf"
@@ -132,12 +138,14 @@ def interface(**values):
             "systemctl daemon-reload; systemctl restart multimaster-discovery.service multimaster-sync.service",
         ),
         (
-            dropped("/run/systemd/system/multimaster-sync.service.d/a.conf"),
+            commanded("/run/systemd/system/multimaster-sync.service.d/a.conf"),
             ("sync", "configuration", ""),
             "mv /run/systemd/system/multimaster-sync.service.d/a.conf /run/systemd/system/multimaster-sync.service.d/a.conf.off; "
             "systemctl daemon-reload; systemctl restart multimaster-sync.service",
         ),
-        (dropped("/run/systemd/system/multimaster-sync.service.d/a.conf"), ("relay", "configuration", ""), ""),
+        (commanded("/run/systemd/system/multimaster-sync.service.d/a.conf"), ("relay", "configuration", ""), ""),
+        (commanded("/run/systemd/system/multimaster-sync.service.d/a.conf"), ("environment", "service", ""), ""),
+        (dropped("/run/systemd/system/multimaster-sync.service.d/a.conf"), ("sync", "configuration", ""), ""),
         (
             dropped_of_routing,
             ("environment", "service", ""),
