@@ -140,7 +140,7 @@ MORE = {
                 "launch": "?",
                 "ports": [41233],
             },
-            **{"master": master, "readable": starter != "container"},
+            **{"master": master, "master_source": "?", "readable": starter != "container"},
         }
         for source, starter, master in (
             ("?", "shell", "?"),

@@ -63,13 +63,15 @@ def _sample(rows: Sequence[Row]) -> list[Row]:
     return [row for number, row in enumerate(rows) if number % step == 0 or row.observer == row.target]
 
 
-def _weigh(scene: Scene, entry: Finding) -> tuple[int, float, bool, int, Component]:
-    """Order findings: the serious ones first; of these the faults of now; of these those that a value shows; of these those from which most follows."""
+def _weigh(scene: Scene, entry: Finding) -> tuple[int, float, int, bool, int, Component]:
+    """Order findings: the serious ones first; of these the faults of now, those from which about ten times as much follows, those that a value shows."""
+    results = len(entry.rows) + len(entry.proof)
     return (
         SERIOUS.index(entry.verdict),
         _count_seconds(scene, entry),
+        -len(str(results)),
         not entry.proof,
-        -len(entry.rows) - len(entry.proof),
+        -results,
         entry.component,
     )
 

@@ -146,7 +146,19 @@ def test_a_process_in_a_network_of_its_own_is_told():
 )
 def test_a_process_with_another_roscore_is_told(uri, planned, expected):
     found = _find({"ROS_HOSTNAME": "here-pc", "ROS_MASTER_URI": uri}, master=planned)
-    assert [row["master"] for row in found] == ([] if expected is None else [expected])
+    told = [(row["master"], row["master_source"]) for row in found]
+    assert told == ([] if expected is None else [(expected, "ROS_MASTER_URI")])
+
+
+def test_an_argument_that_decides_the_roscore_is_told():
+    (row,) = _find({**ROS, "ROS_HOSTNAME": "here-pc"}, "__master:=http://there-pc:11311/")
+    assert (row["master"], row["master_source"], row["source"]) == (
+        "http://there-pc:11311/",
+        "__master",
+        "ROS_HOSTNAME",
+    )
+    (row,) = _find({**ROS, "ROS_IP": "127.0.0.1"})
+    assert (row["master"], row["master_source"]) == ("", "")
 
 
 def test_nothing_else_of_a_process_is_told():

@@ -56,6 +56,48 @@ def test_the_remedy_is_for_what_has_started_the_node(process, words):
     assert [word for word in words if word not in remedy] == [], remedy
 
 
+@pytest.mark.parametrize("argument", ["__master", "__ip", "__hostname"])
+@pytest.mark.parametrize(
+    ("process", "word"),
+    [
+        ({"starter": "shell"}, "command line that starts {node} on {place} (session-4.scope), and start it again"),
+        (
+            {"starter": "unit", "unit": "odom.service"},
+            "out of the script or command that odom.service starts on {place}",
+        ),
+        ({"starter": "launch", "launch": "robot.launch"}, 'out of robot.launch on {place} (<node args="...">)'),
+        ({"starter": "container", "unit": "docker-77.scope"}, "out of its command line"),
+    ],
+)
+def test_an_argument_is_taken_out_of_the_command_line_that_has_it(argument, process, word):
+    """No variable of a shell or unit has a say beside it."""
+    values = {
+        "host": TWO,
+        "source": "ROS_HOSTNAME",
+        "unit": "session-4.scope",
+        "ports": (41233,),
+        "node": "base",
+        **process,
+    }
+    values.update({"master": "http://old-pc:11311/", "master_source": argument})
+    if argument != "__master":
+        values.update(host="127.0.0.1", source=argument, master="", master_source="")
+    found = MachineState(set_by=dict.fromkeys(("ROS_MASTER_URI", "ROS_IP"), "/home/ann/.bashrc, line 2"))
+
+    def change(seen):
+        update(seen[TWO], found=found)
+        update(seen[TWO].probe, node_hosts=[NodeHost(**values)])
+        if argument != "__master":
+            update(seen[TWO].probe.exchange, announced=[AnnouncedHost("/kobuki2/base", "127.0.0.1", 41233)])
+
+    (finding,) = [entry for entry in diagnosed(change).findings if entry.component.kind == "node"]
+    assert f"by {argument}" in finding.sentence() and "ROS_MASTER_URI" not in finding.sentence()
+    remedy = write_advices(finding.do)
+    node = "base" if argument == "__master" else "/kobuki2/base"
+    assert f"take {argument}:=..." in remedy and word.format(node=node, place=TWO) in remedy
+    assert "unset" not in remedy and ".bashrc" not in remedy
+
+
 def test_the_line_that_sets_the_variable_is_named():
     found = MachineState(set_by={"ROS_IP": "/home/ann/robot_env.sh, line 2"})
 
