@@ -42,7 +42,7 @@ class Misplaced(NamedTuple):
     @property
     def _deed(self) -> str:
         if self.mode == "robot":
-            return f"uses the roscore of {self.detail}, which is another robot"
+            return f"uses the roscore of {self.detail} (another robot)"
         if self.mode == "master":
             return f"uses the roscore {self.process.master}"
         if self.mode == "services":

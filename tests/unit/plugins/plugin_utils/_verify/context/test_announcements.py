@@ -99,7 +99,7 @@ def test_a_node_of_another_robot_at_this_roscore_is_told_by_its_own_computer(has
     processes = {OTHER_INNER: [process]} if has_process else {}
     found, strays = _find(AnnouncedHost(NODE, OTHER_INNER, PORT), (), processes)
     assert (found.mode, found.computer, found.detail) == ("robot", OTHER_INNER, "tibi") and not strays
-    assert "uses the roscore of tibi, which is another robot" in str(found)
+    assert "uses the roscore of tibi (another robot)" in str(found)
 
 
 def test_the_name_of_another_robots_computer_by_a_process_here_is_a_wrong_name():
