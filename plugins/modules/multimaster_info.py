@@ -317,6 +317,8 @@ ports:
     unit: {description: 'The systemd unit of that process, empty if it has none.', type: str}
     container: {description: 'Whether that process has numbers of its own below this machine''s, as processes in a container
           have.', type: bool}
+    person: {description: The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.,
+        version_added: 1.1.0, type: str}
 masters:
   description: The roscores on the TCP ports among O(ports), with the discovery and sync nodes that are registered
     there. They are asked by their own protocols, so no ROS is needed, and it does not matter who has started them.

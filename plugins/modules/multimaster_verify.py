@@ -590,6 +590,8 @@ file_limits:
     limit: {description: The files that it may open (the soft limit)., type: int}
     unit: {description: 'The systemd service that has started it, or empty, as for a node that was started in a shell or
           a container.', type: str}
+    person: {description: The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.,
+        version_added: 1.1.0, type: str}
 full_processes:
   description: Processes that have as many files open as they may, or one fewer, 20 at most.
   returned: when O(action=collect)
@@ -601,6 +603,8 @@ full_processes:
     unit: {description: 'The unit of systemd in which it runs, or empty.', type: str}
     open_files: {description: How many files it has open., type: int}
     most_files: {description: How many it may have open (C(RLIMIT_NOFILE))., type: int}
+    person: {description: The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.,
+        version_added: 1.1.0, type: str}
 container_names:
   description: Containers with processes of ROS whose own C(/etc/hosts) lacks names of the fleet that this computer's
     has, 20 at most.
@@ -635,6 +639,10 @@ node_hosts:
     readable: {description: Whether its environment can be read; in some containers root may not., type: bool}
     apart: {description: 'Whether it is in a network of its own, as a container of a bridge is: its ports are not there on
           the computer.', type: bool}
+    master_source: {description: 'The variable or argument that has decided this roscore, C(ROS_MASTER_URI) or C(__master); empty
+          if the roscore is the planned one.', version_added: 1.1.0, type: str}
+    person: {description: The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.,
+        version_added: 1.1.0, type: str}
 changes:
   description: When files were changed and services were started that may decide names and packet filters. A change
     of a kernel by hand has no time.

@@ -133,6 +133,11 @@ class FileLimit(Struct):
         "The systemd service that has started it, or empty, as for a node that was started in a shell or a container.",
         "robot.service",
     )
+    person: str = field(
+        "The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.",
+        "",
+        added="1.1.0",
+    )
 
 
 class FullProcess(Struct):
@@ -143,6 +148,11 @@ class FullProcess(Struct):
     unit: str = field("The unit of systemd in which it runs, or empty.", "robot.service")
     open_files: int = field("How many files it has open.", 1024)
     most_files: int = field("How many it may have open (C(RLIMIT_NOFILE)).", 1024)
+    person: str = field(
+        "The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.",
+        "",
+        added="1.1.0",
+    )
 
 
 class NodeHost(Struct):
@@ -168,6 +178,16 @@ class NodeHost(Struct):
     apart: bool = field(
         "Whether it is in a network of its own, as a container of a bridge is: its ports are not there on the computer.",
         False,
+    )
+    master_source: str = field(
+        "The variable or argument that has decided this roscore, C(ROS_MASTER_URI) or C(__master); empty if the roscore is the planned one.",
+        "",
+        added="1.1.0",
+    )
+    person: str = field(
+        "The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.",
+        "",
+        added="1.1.0",
     )
 
 

@@ -146,6 +146,11 @@ class PortHolder(Struct):
     container: bool = field(
         "Whether that process has numbers of its own below this machine's, as processes in a container have.", False
     )
+    person: str = field(
+        "The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.",
+        "",
+        added="1.1.0",
+    )
 
 
 class ExportLine(Struct):

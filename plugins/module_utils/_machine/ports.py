@@ -14,6 +14,7 @@ from .._base.commands import text
 from .._base.plain_text import plain
 
 ESTABLISHED, LISTEN = "01", "0A"  # include/net/tcp_states.h
+_MANAGER = re.compile(r"user@(\d{1,10})\.service\Z")  # that of a person's units
 _UNIT = re.compile(r"(?<![^/])[^/]+\.(?:service|scope|socket)")  # from the beginning of a name: linear in a long one
 
 
@@ -147,6 +148,7 @@ def _holder(entry: Socket, pid: int, proc: str) -> typing.Dict[str, typing.Any]:
         "command": plain(text(os.path.join(folder, "cmdline"), 4096).replace("\0", " ")) if pid else "",
         "user": user,
         "unit": unit(text(os.path.join(folder, "cgroup"))) if pid else "",
+        "person": plain(person(text(os.path.join(folder, "cgroup")))) if pid else "",
         "container": is_contained(text(os.path.join(folder, "status"))) if pid else False,
     }
 
@@ -158,10 +160,25 @@ def is_contained(status: str) -> bool:
 
 def unit(cgroups: str) -> str:
     """Read the systemd unit in the text of /proc/PID/cgroup: in systemd's hierarchy (version 1), or in the single one."""
+    return (_list_units(cgroups) or [""])[-1]
+
+
+def person(cgroups: str) -> str:
+    """Read the user whose own manager (systemctl --user) runs the unit, in the same text; empty for a unit of the computer."""
+    managers = [found for found in map(_MANAGER.match, _list_units(cgroups)[:-1]) if found]
+    if not managers:
+        return ""
+    number = managers[-1].group(1)
+    try:
+        return pwd.getpwuid(int(number)).pw_name
+    except (KeyError, OverflowError):
+        return number
+
+
+def _list_units(cgroups: str) -> typing.List[str]:
     for line in cgroups.splitlines():
         _number, controllers, path = (line.split(":", 2) + ["", ""])[:3]
-        if controllers in ("name=systemd", ""):
-            units = _UNIT.findall(path)
-            if units:
-                return units[-1]
-    return ""
+        units = _UNIT.findall(path) if controllers in ("name=systemd", "") else []
+        if units:
+            return units
+    return []

@@ -23,6 +23,7 @@ FORMS = {
     "number": re.compile(r"[0-9]{1,10}"),
     "address": re.compile(rf"{_BYTE}(?:\.{_BYTE}){{3}}"),
     "name": re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*"),  # of a computer
+    "person": re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*"),
     "unit": re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@:-]*\.service"),
     "setting": re.compile(r"[a-z0-9_]+(?:\.[A-Za-z0-9_-]+)+"),
     "file": re.compile(r"/etc/(?!.*\.\.)[A-Za-z0-9_./-]+"),
@@ -48,6 +49,25 @@ def command(words: str, *values: tuple[str, object]) -> str:
     """Put values, each with its form, at the {} of our words. Empty if a value has another form."""
     texts = [format_value(form, str(value)) for form, value in values]
     return words.format(*texts) if all(texts) else ""
+
+
+def systemctl(person: str) -> tuple[str, str]:
+    """The words by which root speaks to the manager of units, that of the computer or of a person, and the folder of its files.
+
+    Empty for a name of another form. `systemctl -M PERSON@ --user` does the same since systemd 248; Ubuntu 20.04 has 245.
+    """
+    if not person:
+        return "systemctl", "/etc/systemd/system"
+    words = "runuser -u {} -- env XDG_RUNTIME_DIR=/run/user/$(id -u {}) systemctl --user"
+    made = command(words, ("person", person), ("person", person))
+    return made, "/etc/systemd/user" if made else ""
+
+
+def of_unit(person: str, words: str, unit: str) -> str:
+    """Put a unit, its manager and the folder of that one's files into our words: {systemctl}, {folder}, {unit}; empty if a value has another form."""
+    manager, folder = systemctl(person)
+    name = format_value("unit", unit)
+    return words.format(systemctl=manager, folder=folder, unit=name) if manager and name else ""
 
 
 def accept_between(networks: Iterable[IPv4Network], chain: str) -> str:

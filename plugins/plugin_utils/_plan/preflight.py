@@ -500,6 +500,7 @@ def _find_holders(plan: ComputerPlan, info: Mapping[str, Any]) -> list[Holder]:
         for holder in info["ports"]:
             if (holder["protocol"], holder["port"]) == (port.protocol, port.port) and holder["unit"] not in OWN_UNITS:
                 unit = f", {quote(holder['unit'])}" if holder["unit"] else ""
+                unit += f" of {quote(holder['person'])}" if holder.get("person") else ""
                 process = f"{quote(holder['command']) or 'a process'} (pid {holder['pid']}, user {quote(holder['user'])}{unit})"
                 holders.append((f"{port.protocol.upper()} port {port.port}", use, process))
     return list(dict.fromkeys(holders))

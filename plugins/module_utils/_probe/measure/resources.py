@@ -68,8 +68,9 @@ def file_limits() -> typing.List[Row]:
         of_ros = named or "ROS_MASTER_URI" in processes.environment(pid)
         if not of_ros or listens.isdisjoint(ports.list_inodes(pid, "/proc")):
             return None
-        unit = _unit_of(pid, "/proc")
-        return {"limit": limit, "unit": unit if unit.endswith(".service") and not _STARTERS.match(unit) else ""}
+        unit, person = _unit_of(pid, "/proc")
+        is_service = unit.endswith(".service") and not _STARTERS.match(unit)
+        return {"limit": limit, "unit": unit if is_service else "", "person": person if is_service else ""}
 
     return _list_nodes(look, "/proc")
 
@@ -85,7 +86,8 @@ def full_processes(proc: str = "/proc") -> typing.List[Row]:
             name = _name_of(pid, proc)
         except OSError:  # it has ended
             continue
-        found.append(FullProcess(name, pid, _unit_of(pid, proc), *counted).plain())
+        unit, person = _unit_of(pid, proc)
+        found.append(FullProcess(name, pid, unit, *counted, person=person).plain())
         if len(found) == MOST_NODES:
             break
     return found
@@ -105,7 +107,7 @@ def container_names(names: typing.Iterable[str], proc: str = "/proc", hosts: str
         if not contained or "ROS_MASTER_URI" not in processes.environment(pid, proc):
             return None
         missing = wanted - _read_hosts(os.path.join(folder, "root/etc/hosts"))
-        return {"missing": sorted(missing), "unit": _unit_of(pid, proc)} if missing else None
+        return {"missing": sorted(missing), "unit": _unit_of(pid, proc)[0]} if missing else None
 
     return _list_nodes(look, proc) if wanted else []
 
@@ -132,8 +134,10 @@ def _read_hosts(path: str) -> typing.Set[str]:
     return {name for line in lines for name in line.partition("#")[0].split()[1:]}
 
 
-def _unit_of(pid: int, proc: str) -> str:
-    return ports.unit(text(os.path.join(proc, str(pid), "cgroup")))
+def _unit_of(pid: int, proc: str) -> typing.Tuple[str, str]:
+    """Return the unit of a process, and the person whose manager has it."""
+    groups = text(os.path.join(proc, str(pid), "cgroup"))
+    return ports.unit(groups), plain(ports.person(groups), LINE)
 
 
 def _read_words(pid: int, proc: str) -> typing.List[str]:

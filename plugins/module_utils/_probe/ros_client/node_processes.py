@@ -136,7 +136,8 @@ def _look(pid: int, planned: Planned, sockets: Sockets, units: "Units", proc: st
     variables, is_read = _read_environment(pid, proc)
     if "__name" not in arguments and "ROS_MASTER_URI" not in variables:
         return None
-    unit, contained = _read_unit(pid, proc), _is_contained(pid, proc)
+    groups, contained = text(os.path.join(proc, str(pid), "cgroup")), _is_contained(pid, proc)
+    unit = ports.unit(groups)
     if _OURS.match(unit):
         return None
     host, source = _find_host(arguments, variables, contained, pid, proc) if is_read else ("", "")
@@ -148,6 +149,7 @@ def _look(pid: int, planned: Planned, sockets: Sockets, units: "Units", proc: st
     if is_read and not own_ports:
         return None
     starter, launch = _find_starter(pid, unit, contained, proc)
+    person = ports.person(groups)
     values = {source: host, master_source: master}
     wrong = {name: values[name] for name in planned.list_wrong(host, source, master, master_source)}
     return {
@@ -155,10 +157,12 @@ def _look(pid: int, planned: Planned, sockets: Sockets, units: "Units", proc: st
         "host": plain(host.lower(), LONGEST),
         "source": source,
         "master": "" if planned.is_master(master) else plain("http://{}:{}/".format(*_read_place(master)), LONGEST),
+        "master_source": "" if planned.is_master(master) else master_source,
         "unit": unit,
+        "person": plain(person, LONGEST),
         "starter": starter,
         "launch": launch,
-        "of_unit": _is_of_unit(starter, unit, wrong, units),
+        "of_unit": not (person and wrong) and _is_of_unit(starter, unit, wrong, units),
         "ports": own_ports[:MOST],
         "stopped": is_stopped,
         "readable": is_read,
@@ -186,10 +190,6 @@ def _read_words(pid: int, proc: str) -> typing.List[str]:
 def _find_program(words: typing.Sequence[str]) -> str:
     """Return the program among the words of a process: it may be a script of an interpreter."""
     return next((word for word in words[1:2] if word.startswith("/")), words[0])
-
-
-def _read_unit(pid: int, proc: str) -> str:
-    return ports.unit(text(os.path.join(proc, str(pid), "cgroup")))
 
 
 def _is_contained(pid: int, proc: str) -> bool:

@@ -51,11 +51,16 @@ class Misplaced(NamedTuple):
         return f"announces {self.host}{interface}"
 
     @property
+    def source(self) -> str:
+        """The variable or argument that has decided what is wrong, `hostname`, or empty if it is not known."""
+        if self.mode in ("robot", "master"):
+            return self.process.master_source or ("ROS_MASTER_URI" if self.process.readable else "")
+        return self.process.source
+
+    @property
     def _origin(self) -> str:
         """The variable that has decided it, and the place where the process runs."""
-        source, unit = self.process.source, self.process.unit
-        if self.mode in ("robot", "master"):
-            source = "ROS_MASTER_URI" if self.process.readable else ""
+        source, unit = self.source, self.process.unit
         whose = "container" if self.process.starter == "container" else "computer"
         by = f" by the name of the {whose}" if source == "hostname" else f" by {source}" if source else ""
         return f"{by}, in {unit}" if unit else by

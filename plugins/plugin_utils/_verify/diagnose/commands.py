@@ -119,13 +119,16 @@ def _set_aside(files: Mapping[str, Sequence[str]], started: Sequence[str]) -> Co
         yield from [*moves, "systemctl daemon-reload", restart]
 
 
-def _limit_files(_computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
+def _limit_files(computer: Participant, components: Sequence[Component], _state: FleetState) -> Commands:
     """A drop-in file gives a unit the limit that systemd gives, if no file sets another one."""
+    persons = {entry.unit: entry.person for entry in computer.probe.file_limits}
+    lines = "printf '[Service]\\nLimitNOFILE=1024:524288\\n'"
     for component in components:
-        folder, unit = "/etc/systemd/system/{}.d", ("unit", component.what)
-        lines = "printf '[Service]\\nLimitNOFILE=1024:524288\\n'"
-        yield advice.command(f"mkdir -p {folder}; {lines} > {folder}/files.conf", unit, unit)
-        yield advice.command("systemctl daemon-reload; systemctl restart {}", unit)
+        unit, person = component.what, persons.get(component.what, "")
+        yield advice.of_unit(
+            person, f"mkdir -p {{folder}}/{{unit}}.d; {lines} > {{folder}}/{{unit}}.d/files.conf", unit
+        )
+        yield advice.of_unit(person, "{systemctl} daemon-reload; {systemctl} restart {unit}", unit)
 
 
 #: a maker of packet filters -> its rule for a network, by the direction of its packets, so that it holds at boot; then the command that loads it
@@ -332,11 +335,11 @@ def _raise_limits(computer: Participant, components: Sequence[Component], _state
     for entry in computer.probe.full_processes:
         if describe_full(entry) not in full:
             continue
-        folder, unit = "/etc/systemd/system/{}.d", ("unit", entry.unit)
-        made = advice.command(
-            f"mkdir -p {folder}; printf '[Service]\\nLimitNOFILE={MORE_FILES}\\n' > {folder}/more-files.conf; "
-            "systemctl daemon-reload; systemctl restart {}",
-            *(unit, unit, unit),
+        made = advice.of_unit(
+            entry.person,
+            f"mkdir -p {{folder}}/{{unit}}.d; printf '[Service]\\nLimitNOFILE={MORE_FILES}\\n' > {{folder}}/{{unit}}.d/more-files.conf; "
+            "{systemctl} daemon-reload; {systemctl} restart {unit}",
+            entry.unit,
         )
         if made:
             yield Advice(computer.name, made, "if it gets full again, the program never closes its files")
@@ -348,8 +351,8 @@ def _raise_limits(computer: Participant, components: Sequence[Component], _state
 def _stop_others(computer: Participant, components: Sequence[Component], _state: FleetState) -> Iterator[Advice]:
     """A unit that runs a node of the plan is stopped, for now and the next boot."""
     units = dict.fromkeys(unit for component in components for unit in OTHER_UNIT.findall(component.what))
-    for unit in units:
-        if made := advice.command("systemctl disable --now {}", ("unit", unit)):
+    for unit, person in units:
+        if made := advice.of_unit(person.strip('"'), "{systemctl} disable --now {unit}", unit):
             yield Advice(
                 computer.name, made, "or do nothing if it is meant; site.yml starts the nodes of the plan instead"
             )
@@ -359,7 +362,7 @@ MAC = re.compile(r"[0-9a-f]{2}(?::[0-9a-f]{2}){5}")
 MORE_FILES = 65536
 #: a unit as preflight names it; not one of a login, in which people work, or of all containers
 OTHER_UNIT = re.compile(
-    r"""user [^,()]+, "?((?!user@|ssh|cron|docker|containerd|gdm|lightdm)[A-Za-z0-9_.@:-]+\.service)"?\)"""
+    r"""user [^,()]+, "?((?!user@|ssh|cron|docker|containerd|gdm|lightdm)[A-Za-z0-9_.@:-]+\.service)"?(?: of ([^,()]+))?\)"""
 )
 # (kind, mode) -> advices of which some are words
 STEPWISE: Mapping[tuple[str, str], Callable[[Participant, Sequence[Component], FleetState], Iterator[Advice]]] = {

@@ -19,6 +19,7 @@ from ..context.check_context import FleetState, Participant
 PROFILE = ". /etc/profile.d/rosfleet-multimaster.sh"
 ENVIRONMENT = "/etc/rosfleet-multimaster/environment"
 HOSTS = ("ROS_HOSTNAME", "ROS_IP")  # variables
+ARGUMENTS = ("__hostname", "__ip", "__master")  # of a command line, which win over variables
 MOST = 3  # ways of starting that are described
 UNREAD = "its environment cannot be read here, so which variable is wrong is unknown"
 
@@ -50,62 +51,75 @@ def _describe(one: Misplaced, computer: Participant | None) -> Advices:
 
 def _unset(one: Misplaced) -> str:
     """The variables that a shell has to forget, and the profile that it has to read, as a command."""
-    source = one.process.source
-    names = [] if one.mode in ("robot", "master") else [source] if source in HOSTS else []
-    return f"unset {' '.join(names or HOSTS)}; {PROFILE}"
+    names = [one.process.source] if one.source in HOSTS else HOSTS
+    return f"unset {' '.join(names)}; {PROFILE}"
 
 
 def _describe_shell(one: Misplaced, computer: Participant) -> Advices:
     where = f" ({one.process.unit})" if one.process.unit else ""
+    if one.source in ARGUMENTS:
+        words = f"take {one.source}:=... out of the command line that starts {one.node} on {computer.name}{where}, and start it again"
+        return (Advice(HANDS, words),)
     effect = f"in the shell that has started {one.node}{where}; then start it again there"
     return (Advice(computer.name, _unset(one), effect), *_find_line(one, computer))
 
 
 def _find_line(one: Misplaced, computer: Participant) -> Advices:
     """Say which line of a person's files sets the variable: the next shell has it again."""
-    variable = "ROS_MASTER_URI" if one.mode in ("robot", "master") else one.process.source
     found = computer.seen.found
-    line = found.set_by.get(variable, "") if found is not None else ""
-    return (Advice(HANDS, f"remove the line that sets {variable} on {computer.name}: {line}"),) if line else ()
+    line = found.set_by.get(one.source, "") if found is not None else ""
+    return (Advice(HANDS, f"remove the line that sets {one.source} on {computer.name}: {line}"),) if line else ()
 
 
 def _describe_unit(one: Misplaced, computer: Participant) -> Advices:
-    unit = ("unit", one.process.unit)
     source = one.process.source
     wrong = source if source in HOSTS and source not in computer.plan.environment else ""
     lines = f"[Service]\\nEnvironmentFile={ENVIRONMENT}\\n" + (f"UnsetEnvironment={wrong}\\n" if wrong else "")
     words = (
-        f"mkdir -p /etc/systemd/system/{{}}.d; printf '{lines}' > /etc/systemd/system/{{}}.d/rosfleet.conf; systemctl daemon-reload; "
-        f"systemctl restart {{}}"
+        f"mkdir -p {{folder}}/{{unit}}.d; printf '{lines}' > {{folder}}/{{unit}}.d/rosfleet.conf; {{systemctl}} daemon-reload; "
+        "{systemctl} restart {unit}"
     )
     if not one.process.of_unit:
         return _describe_script(one, computer)
-    made = advice.command(words, unit, unit, unit)
+    made = advice.of_unit(one.process.person, words, one.process.unit)
     return (Advice(computer.name, made, f"the unit has started {one.node}"),) if made else ()
 
 
 def _describe_script(one: Misplaced, computer: Participant) -> Advices:
-    """A script or command of the unit has the last word on its variables, so a drop-in file of the unit does not help."""
-    restart = advice.command("systemctl restart {}", ("unit", one.process.unit))
-    unit = one.process.unit if restart else "its unit"
-    words = f"take {_name_wrong(one)} out of the script or command that {unit} starts on {computer.name} (ExecStart), and begin it with: {PROFILE}"
-    again = (Advice(computer.name, restart, f"the unit has started {one.node}"),) if restart else ()
-    return (Advice(HANDS, words), *again)
+    """A script or command of the unit has the last word on its variables, so a drop-in file of the unit does not help.
+
+    The variables of a person's own unit were not read: it may be the unit's file.
+    """
+    unit, person = one.process.unit, one.process.person
+    again = "{systemctl} daemon-reload; {systemctl} restart {unit}" if person else "{systemctl} restart {unit}"
+    restart = advice.of_unit(person, again, unit)
+    named = unit if restart else "its unit"
+    where = f"the script or command that {named} starts on {computer.name} (ExecStart), and begin it"
+    if restart and person:
+        where = f"{named} of {person} on {computer.name}, or out of the script or command that it starts (ExecStart), and begin that"
+    words = f"take {_name_wrong(one)} out of {where} with: {PROFILE}"
+    started = (Advice(computer.name, restart, f"the unit has started {one.node}"),) if restart else ()
+    return (Advice(HANDS, words), *started)
 
 
 def _name_wrong(one: Misplaced) -> str:
     """Name the variable or argument that is wrong, or those that may be."""
+    if one.source in ARGUMENTS:
+        return f"{one.source}:=..."
     if one.mode in ("robot", "master"):
         return "ROS_MASTER_URI"
-    return one.process.source if one.process.source in (*HOSTS, "__hostname", "__ip") else " and ".join(HOSTS)
+    return one.source if one.source in HOSTS else " and ".join(HOSTS)
 
 
 def _describe_launch(one: Misplaced, computer: Participant) -> Advices:
     file = one.process.launch or "the launch file"
-    what = "ROS_MASTER_URI" if one.mode in ("robot", "master") else one.process.source
-    names = what if what in (*HOSTS, "ROS_MASTER_URI") else " and ".join(HOSTS)
+    if one.source in ARGUMENTS:
+        words = (
+            f'take {_name_wrong(one)} out of {file} on {computer.name} (<node args="...">), and start roslaunch again'
+        )
+        return (Advice(HANDS, words),)
     return (
-        Advice(HANDS, f"take {names} out of {file} on {computer.name} (<env name=...>)"),
+        Advice(HANDS, f"take {_name_wrong(one)} out of {file} on {computer.name} (<env name=...>)"),
         Advice(computer.name, _unset(one), "in the shell or unit that starts roslaunch; then start it again"),
         *_find_line(one, computer),
     )
@@ -117,7 +131,8 @@ def _describe_container(one: Misplaced, computer: Participant) -> Advices:
     )
     where = f" ({one.process.unit})" if one.process.unit else ""
     words = f"start the container on {computer.name}{where} with the network of the computer and its names: --network host {given}"
-    return (Advice(HANDS, words),)
+    left_out = f", and take {_name_wrong(one)} out of its command line" if one.source in ARGUMENTS else ""
+    return (Advice(HANDS, words + left_out),)
 
 
 def _list_variables(computer: Participant) -> list[tuple[str, str]]:

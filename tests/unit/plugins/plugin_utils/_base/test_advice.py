@@ -24,6 +24,7 @@ GOOD = {
     "number": ["0", "1500"],
     "address": ["192.168.1.5"],
     "name": ["dabo-nav", "dabo.nav"],
+    "person": ["ann", "_apt", "ann.lee-2"],
     "unit": ["multimaster-sync.service", "user@1000.service"],
     "setting": ["net.ipv4.ip_forward", "net.ipv4.conf.eth0-1.rp_filter"],
     "file": ["/etc/sysctl.d/99-z.conf"],

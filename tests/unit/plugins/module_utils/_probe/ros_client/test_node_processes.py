@@ -108,9 +108,19 @@ def test_who_gives_the_variables_of_a_unit_is_told(tmp_path, monkeypatch, variab
         return Answer(0, shown.format(file=tmp_path / "robot").encode(), "")
 
     monkeypatch.setattr(node_processes, "run", show)
-    monkeypatch.setattr(node_processes, "_read_unit", lambda _pid, _proc: "odom.service")
+    monkeypatch.setattr(node_processes.ports, "unit", lambda _groups: "odom.service")
     (row,) = _find({**ROS, **variables}, *words)
     assert (row["starter"], row["of_unit"], set(asked) <= {"odom.service"}) == ("unit", expected, True)
+
+
+@pytest.mark.parametrize(("variables", "of_unit"), [({"ROS_IP": "127.0.0.1"}, False), ({}, True)])
+def test_the_variables_of_a_persons_unit_are_not_those_of_a_unit_of_the_computer(monkeypatch, variables, of_unit):
+    monkeypatch.setattr(node_processes.ports, "unit", lambda _groups: "odom.service")
+    monkeypatch.setattr(node_processes.ports, "person", lambda _groups: "ann")
+    shown = Answer(0, b"Environment=ROS_IP=127.0.0.1", "")
+    monkeypatch.setattr(node_processes, "run", lambda argv, limit: shown)
+    (row,) = _find({**ROS, **variables})
+    assert (row["starter"], row["unit"], row["person"], row["of_unit"]) == ("unit", "odom.service", "ann", of_unit)
 
 
 def test_a_unit_is_asked_once_and_all_of_them_have_one_limit(monkeypatch):

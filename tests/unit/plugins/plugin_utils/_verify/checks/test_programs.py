@@ -32,8 +32,8 @@ def _disk(*free):
     return lambda seen: update(seen[TWO].probe, disks=(Disk("/var/lib", 10**9, 10**6), Disk("/var/log", *free)))
 
 
-def _limit(unit):
-    return lambda seen: update(seen[ONE].probe, file_limits=(FileLimit("/amcl", 1073741816, unit),))
+def _limit(unit, person=""):
+    return lambda seen: update(seen[ONE].probe, file_limits=(FileLimit("/amcl", 1073741816, unit, person),))
 
 
 def _full(unit="robot.service"):
@@ -153,6 +153,12 @@ def test_a_unit_with_many_files_is_told_with_its_command():
     (found,) = diagnosed(_limit("robot.service")).findings
     assert found.commands[0].text.startswith("mkdir -p /etc/systemd/system/robot.service.d; ")
     assert found.commands[0].text.endswith("systemctl restart robot.service")
+    (own,) = diagnosed(_limit("robot.service", "ann")).findings
+    assert own.commands[0].text.startswith("mkdir -p /etc/systemd/user/robot.service.d; ")
+    assert (
+        own.commands[0].text.endswith("systemctl --user restart robot.service")
+        and "runuser -u ann" in own.commands[0].text
+    )
     (strange,) = diagnosed(_limit("../x.service")).findings
     assert not strange.commands
 

@@ -377,6 +377,12 @@ FULL = FullProcess("rosbridge", 4711, "robot.service", 1024, 1024)
     ("entry", "where", "words"),
     [
         (FULL, NAME, "mkdir -p /etc/systemd/system/robot.service.d; printf '[Service]\\nLimitNOFILE=65536\\n' > "),
+        (
+            replace(FULL, person="ann"),
+            NAME,
+            "mkdir -p /etc/systemd/user/robot.service.d; printf '[Service]\\nLimitNOFILE=65536\\n' > "
+            "/etc/systemd/user/robot.service.d/more-files.conf; runuser -u ann -- ",
+        ),
         (replace(FULL, unit="session-4.scope"), HANDS, "end the process 4711 on car-nav"),
         (replace(FULL, unit="a b.service; reboot"), HANDS, "end the process 4711 on car-nav"),
     ],
@@ -418,6 +424,13 @@ def test_a_computer_of_the_fleet_that_answers_for_an_address_of_another_one_is_n
     [
         (', "robot.service"', ["systemctl disable --now robot.service"]),
         (", robot.service", ["systemctl disable --now robot.service"]),
+        (
+            ", robot.service of ann",
+            [
+                "runuser -u ann -- env XDG_RUNTIME_DIR=/run/user/$(id -u ann) systemctl --user disable --now robot.service"
+            ],
+        ),
+        (', "robot.service" of "ann;reboot"', []),
         (', "ssh.service"', []),
         (', "user@1000.service"', []),
         (', "session-3.scope"', []),

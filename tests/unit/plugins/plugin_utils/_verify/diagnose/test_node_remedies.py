@@ -14,6 +14,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import TWO, diagnosed, update
 
+USER = "runuser -u ann -- env XDG_RUNTIME_DIR=/run/user/$(id -u ann) systemctl --user"  # on systemd 245, too
+
 
 def _remedy(**process):
     values = {"host": "127.0.0.1", "source": "ROS_IP", "unit": "session-4.scope", "ports": (41233,), "node": "base"}
@@ -40,6 +42,17 @@ def _remedy(**process):
                 f"take ROS_IP out of the script or command that odom.service starts on {TWO}",
                 f"on {TWO}: systemctl restart odom.service",
             ],
+        ),
+        (
+            {"starter": "unit", "unit": "odom.service", "person": "ann"},
+            [
+                f"take ROS_IP out of odom.service of ann on {TWO}, or",
+                f"on {TWO}: {USER} daemon-reload; {USER} restart odom.service",
+            ],
+        ),
+        (
+            {"starter": "unit", "unit": "odom.service", "person": "ann", "source": "hostname", "of_unit": True},
+            ["/etc/systemd/user/odom.service.d/rosfleet.conf; ", f"{USER} daemon-reload; {USER} restart odom.service"],
         ),
         ({"starter": "launch", "launch": "robot.launch"}, ["take ROS_IP out of robot.launch", "starts roslaunch"]),
         ({"starter": "container", "unit": "docker-77.scope"}, ["--network host", f"--env ROS_HOSTNAME={TWO}"]),
@@ -115,6 +128,12 @@ def test_the_line_that_sets_the_variable_is_named():
 def test_no_command_is_made_of_a_strange_unit(unit):
     assert "reboot" not in _remedy(starter="unit", unit=unit, of_unit=True)
     assert "restart" not in _remedy(starter="unit", unit=unit)
+
+
+@pytest.mark.parametrize("person", ["x;reboot", "$(reboot)", "-x", "DOM\\\\ann", "1000"])
+def test_no_command_is_made_of_a_strange_person(person):
+    remedy = _remedy(starter="unit", unit="odom.service", person=person)
+    assert "restart" not in remedy and "reboot" not in remedy and "its unit" in remedy
 
 
 @pytest.mark.parametrize(
