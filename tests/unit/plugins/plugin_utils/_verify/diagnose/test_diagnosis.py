@@ -28,6 +28,7 @@ from fleets import (
     of,
     outside,
     plan,
+    second_default_route,
     silent,
     update,
     wall,
@@ -79,6 +80,16 @@ def test_two_faults_beside_each_other_are_two_findings(first, second):
 
     found = diagnosed(change, fig12())
     assert sorted(components(found)) == sorted([FAULTS[first], FAULTS[second]]), found
+
+
+def test_a_fault_that_much_follows_from_comes_before_one_that_a_value_shows():
+    def change(seen):
+        wall(seen)
+        second_default_route(seen)
+
+    filter_, routes = diagnosed(change, fleet=fig12()).findings
+    assert filter_.component.kind == "filter" and len(filter_.rows) > 50, filter_
+    assert routes.component[:3] == ("route", "car-ext", "defaults") and routes.proof, routes
 
 
 def _flapping(seen):
