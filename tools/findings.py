@@ -27,6 +27,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.foreseen import PREDICTED, WATCHED
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.kinds import KINDS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.table import AREAS, TABLE
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.commands import LASTING, WAYS
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs/findings"
@@ -38,7 +39,6 @@ SPDX-License-Identifier: GPL-3.0-or-later
 -->
 <!-- generated from plugins/plugin_utils/_faults and tests/faults/catalogue by `make findings` -->
 """
-PLACE = "COMPUTER"  # in a sentence and in a command, as the placeholders of the docs are
 SEEN = {READ: "a value, or concluded", "": "a value, followed packets, or concluded"}
 
 
@@ -87,7 +87,7 @@ def list_area(digit: str) -> list[tuple[Key, Fault]]:
 def fill(fault: Fault) -> str:
     """Return the sentence with placeholders."""
     words = dict.fromkeys(("found", "expected", "hop", "traffic"), "...")
-    return escape(fault.sentence.format(place=PLACE, what=fault.what or "...", **words))
+    return escape(fault.sentence.format(place=" and ".join(fault.at), what=fault.what or "...", **words))
 
 
 def escape(text: str) -> str:
@@ -99,10 +99,27 @@ def write_area(digit: str, examples: Mapping[Key, Sequence[tuple[str, str]]]) ->
     """Return the page of an area."""
     lines = [HEAD, f"# RF-{digit}xx: {AREAS[digit]}", "", "[All ids, and how to read this](README.md)", ""]
     for kind, rows in groupby(list_area(digit), key=lambda row: row[0][0]):
-        lines += [f"## `{kind}`", "", KINDS[kind], ""]
+        lines += [f"## `{kind}`", "", KINDS[kind], "", *(list_makers() if kind == "filter" else ())]
         for key, fault in rows:
             lines += [*write_fault(key, fault, examples.get(key, ())), ""]
     return "\n".join(lines)
+
+
+def list_makers() -> Iterator[str]:
+    """Yield the table of the rules that let the packets of a network pass, by the program that makes the rules of a packet filter."""
+    yield from ("Once for each of the robots' networks, such as `192.168.1.0/24`:", "")
+    yield from (f"| rules of | {' | '.join(WAYS)} |", f"|---|{'---|' * len(WAYS)}")
+    for maker, rules in LASTING.items():
+        cells = (f"`{rules[way].format('NETWORK')}`" if way in rules else "" for way in WAYS)
+        yield f"| {maker} | {' | '.join(cells)} |"
+    nft = (
+        f"`nft insert rule inet TABLE CHAIN ip {'daddr' if way == 'out' else 'saddr'} NETWORK accept`" for way in WAYS
+    )
+    yield from (f"| nftables | {' | '.join(nft)} |", "")
+    yield from (
+        "Rules of Docker and nftables end with the next boot: write that of nftables into `/etc/nftables.conf`, too.",
+        "",
+    )
 
 
 def write_fault(key: Key, fault: Fault, examples: Sequence[tuple[str, str]]) -> Iterator[str]:
@@ -127,7 +144,7 @@ def write_evidence(key: Key, fault: Fault) -> str:
 
 def write_advices(fault: Fault, advices: Advices) -> Iterator[str]:
     """Yield a line for each advice."""
-    for one in fault.fill(advices, (PLACE,), ""):
+    for one in fault.fill(advices, fault.at, ""):
         effect = f" ({escape(one.effect)})" if one.effect else ""
         if one.where in (HANDS, INVENTORY):
             begin = "in the inventory: " if one.where == INVENTORY else ""

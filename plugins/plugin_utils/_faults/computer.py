@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import ALWAYS, READ, Fault, Key, controller, hand, keep_settings, on, site
+from .fault import ALWAYS, READ, Fault, Key, change, controller, hand, keep_settings, on, reinstall, site, verify_again
 
 OPEN_FILES = "may open millions of files, for which each node of C++ takes gigabytes, and those of Python 2 minutes"
 ROUTES = on("ip rule; ip route")
@@ -27,7 +27,12 @@ COMPUTER: Mapping[Key, Fault] = {
     ("computer", "login"): Fault(
         "RF-102",
         "{place} is there, but the controller cannot log in",
-        do=(controller("ssh-copy-id {place}", "or correct ansible_host and ansible_user of {place} in the inventory"),),
+        do=(
+            controller(
+                "ssh-copy-id {address}",
+                "USER@ before the address if your name differs there; or correct ansible_host and ansible_user of {place} in the inventory",
+            ),
+        ),
         look=(controller("ansible {place} -i {inventory} -m ansible.builtin.ping -vvv"),),
         cost=2.0,
         why="keys and addresses change seldom",
@@ -57,10 +62,8 @@ COMPUTER: Mapping[Key, Fault] = {
         "RF-105",
         "{place} is overloaded",
         do=(
-            controller(
-                "ansible-playbook -i {inventory} rosfleet.multimaster.verify -e verify_patience=60",
-                "waits longer for it",
-            ),
+            hand("end the program on {place} that the look lists first, or move it to another computer"),
+            verify_again("waits longer for it", "-e verify_patience=60"),
         ),
         look=(on("top -b -n1 | head -20"),),
         cost=5.0,
@@ -101,8 +104,8 @@ COMPUTER: Mapping[Key, Fault] = {
         "RF-108",
         "{place} has no room on {what}",
         do=(
-            on("journalctl --vacuum-size=100M", "makes room if the journal is large"),
-            hand("delete files that nobody needs"),
+            on("journalctl --vacuum-size=100M", "removes old lines of the journal, if it is larger"),
+            hand("delete files that nobody needs: the look lists the largest folders"),
         ),
         look=(on("df -h; df -i; du -xh / 2>/dev/null | sort -rh | head -20"),),
         what="a disk",
@@ -135,7 +138,7 @@ COMPUTER: Mapping[Key, Fault] = {
     ("container", "names"): Fault(
         "RF-111",
         "a container on {place} was started before the names of the fleet came, and does not know them: {what}",
-        do=(on("docker compose restart", "or start the container again as you have started it"),),
+        do=(on("docker compose restart", "in the folder of its compose file; without one: docker restart NAME"),),
         look=(on("grep -c rosfleet /etc/hosts /proc/[0-9]*/root/etc/hosts"), hand("docs/start/containers.md")),
         what="see its /etc/hosts",
         read=ALWAYS,
@@ -144,12 +147,7 @@ COMPUTER: Mapping[Key, Fault] = {
     ("ros", "broken"): Fault(
         "RF-112",
         "nodes of the ROS on {place} cannot start any more; those that run were started before",
-        do=(
-            on(
-                "apt-get install --reinstall python3-rospy",
-                "or the package that the look names; for ROS of ros.org: ros-noetic-rospy",
-            ),
-        ),
+        do=(reinstall("*-rospy", "or the package that the look misses"),),
         look=(on("python3 -c 'import rospy'"),),
         cost=2.0,
         read=ALWAYS,
@@ -182,14 +180,16 @@ COMPUTER: Mapping[Key, Fault] = {
     ("set_up", "refused"): Fault(
         "RF-116",
         "site.yml would refuse {place}, before it changes anything",
-        do=(hand("follow the sentences of the result"),),
+        do=(hand("change what each sentence of the result asks for"), site("sets it up then")),
         look=(controller("ansible-playbook -i {inventory} rosfleet.multimaster.site --check{limit}"),),
         why="preflight says so",
     ),
     ("setting", "icmp_group"): Fault(
         "RF-117",
         "{place} does not answer pings of a group; discovery does not depend on it",
-        do=(site("sets net.ipv4.icmp_echo_ignore_broadcasts; needs multimaster_answer_broadcast_pings"),),
+        do=(
+            site("sets net.ipv4.icmp_echo_ignore_broadcasts to 0, unless multimaster_answer_broadcast_pings is false"),
+        ),
         look=(on("sysctl net.ipv4.icmp_echo_ignore_broadcasts"),),
         cost=2.0,
         why="it is the default of Linux",
@@ -218,7 +218,10 @@ COMPUTER: Mapping[Key, Fault] = {
     ("setting", "unread"): Fault(
         "RF-120",
         "on {place} {what} cannot be looked at, as in some containers",
-        do=(hand("nothing, in a container; else run the verification with become: true"),),
+        do=(
+            hand("nothing, if {place} is a container"),
+            change("else take ansible_become: false of {place} out", "verify reads it as root"),
+        ),
         look=(on("sysctl {what}"),),
         what="a value",
         why="reading it fails",

@@ -17,6 +17,9 @@ READ, ALWAYS = "if it was looked at", "always"
 CONTROLLER, INVENTORY = "the controller", "the inventory"  # places of an advice that is no computer
 HANDS = ""  # no command does it
 UNKNOWN_INVENTORY = "INVENTORY"  # in a command if the run does not know it
+#: places on the pages; one with a space is no host, so nothing is limited to it
+COMPUTER, NETWORK = "COMPUTER", "the network of ROBOT"
+COMPUTERS, ROBOTS = (COMPUTER, "OTHER_COMPUTER"), ("ROBOT", "OTHER_ROBOT")
 #: word in an advice -> its text if its value was not read, as on the pages
 UNREAD: Mapping[str, str] = {
     "address": "<address of {place}>",
@@ -26,6 +29,8 @@ UNREAD: Mapping[str, str] = {
     "other": "<address of another computer there>",
     "beyond": "<an address there>",
     "group": "<multicast group>",
+    "parameter": "<parameter>",
+    "target": "<address of that computer>",
     "topic": "<topic>",
     "type": "<type>",
     "nodes": "<node>",
@@ -104,6 +109,17 @@ def site_of_all(effect: str = "") -> Advice:
     return controller("ansible-playbook -i {inventory} rosfleet.multimaster.site", effect)
 
 
+def verify_again(effect: str, *options: str) -> Advice:
+    """Advise a verification of all computers."""
+    return controller(" ".join(("ansible-playbook -i {inventory} rosfleet.multimaster.verify", *options)), effect)
+
+
+def reinstall(packages: str, effect: str) -> Advice:
+    """Advise to install again those of some Debian packages that are installed, so ROS of ros.org and Debian's ROS never mix."""
+    listed = f"dpkg-query -W -f '${{{{db:Status-Status}}}} ${{{{Package}}}}\\n' '{packages}'"
+    return on(f"apt-get install --reinstall $({listed} | awk '$1 == \"installed\" {{{{print $2}}}}')", effect)
+
+
 class Fault(NamedTuple):
     """A way in which a component of a kind may be broken: its id, a sentence, the remedy, and the commands to look with if that does not help.
 
@@ -122,6 +138,7 @@ class Fault(NamedTuple):
     hard: bool = True
     read: str = ""
     what: str = ""  # the text for a component whose own `what` is empty
+    at: tuple[str, ...] = (COMPUTER,)  # its place or places on the pages
 
     @property
     def example(self) -> str:

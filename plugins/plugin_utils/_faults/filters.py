@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from .fault import ALWAYS, Fault, Key, hand, on, site
+from .fault import ALWAYS, COMPUTERS, Fault, Key, hand, on, site
 
 RULES = on("nft -a list ruleset; iptables -S")
 FORWARDED = on("nft -a list ruleset; iptables -S FORWARD")
@@ -106,6 +106,7 @@ GATEWAYS: Mapping[Key, Fault] = {
         look=(on("nft -a list ruleset; ip rule; ip route"),),
         cost=6.0,
         why="few rules are about a single pair",
+        at=COMPUTERS,
     ),
 }
 

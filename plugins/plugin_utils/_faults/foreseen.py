@@ -7,16 +7,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import Advice, Fault, Key, change, controller, hand, keep_settings, on, site_of_all
+from .fault import (
+    COMPUTER,
+    NETWORK,
+    Advice,
+    Fault,
+    Key,
+    change,
+    hand,
+    keep_settings,
+    on,
+    site,
+    site_of_all,
+    verify_again,
+)
+from .filters import MAKERS
 
 PREDICTED, WATCHED = "predicted", "watched"
 _PLAN = "the plan was followed, hop by hop"
-_FILTER = hand("accept packets between the robots' networks on {place}, in the program that makes its rules")
+_FILTER = hand(f"accept packets between the robots' networks on {{place}}, {MAKERS}")
 
 
-def _predict(number: int, sentence: str, *do: Advice, look: str = "ip rule; ip route") -> Fault:
+def _predict(number: int, sentence: str, *do: Advice, look: str = "ip rule; ip route", at: str = COMPUTER) -> Fault:
     """Make a row of predict: {what} is the network, {hop} the next machine, {traffic} the kind of packets."""
-    return Fault(f"RF-7{number:02}", sentence, do=do, look=(on(look),), why=_PLAN)
+    place = "{there}" if at == NETWORK else "{place}"
+    return Fault(f"RF-7{number:02}", sentence, do=do, look=(Advice(place, look),), why=_PLAN, at=(at,))
 
 
 #: by the outcome of a trace of the model of the network
@@ -51,13 +66,18 @@ PREDICTIONS: Mapping[Key, Fault] = {
         6, "the interface of {place} to {what} is down", on("ip link set dev <interface> up"), look="ip -br link"
     ),
     (PREDICTED, "link down"): _predict(
-        7, "{place} is down", hand("switch on the switch or the access point of {place}"), look="ip -br link"
+        7,
+        "{place} is down",
+        hand("switch on the switch or the access point of {place}"),
+        look="ip -br link",
+        at=NETWORK,
     ),
     (PREDICTED, "apart"): _predict(
         8,
         "{place} keeps its clients apart",
-        hand("switch off client isolation on the access point"),
+        hand("switch off client isolation on the access point of {place}"),
         look="ip neighbour",
+        at=NETWORK,
     ),
     (PREDICTED, "filtered"): _predict(
         9, "a packet filter on {place} drops {traffic}", _FILTER, look="nft -a list ruleset"
@@ -80,11 +100,14 @@ PREDICTIONS: Mapping[Key, Fault] = {
     (PREDICTED, "too large"): _predict(
         13,
         "{place} takes no {traffic} for {what}",
-        hand("give all interfaces of a network one MTU"),
+        hand("give all interfaces of a network one MTU, such as: ip link set dev eth0 mtu 1500"),
         look="ip -br link",
     ),
     (PREDICTED, "circle"): _predict(
-        14, "{place} sends packets for {what} back to where it came from", hand("correct the routes of {place}")
+        14,
+        "{place} sends packets for {what} back to where it came from",
+        hand("delete the route on {place} that leads back: ip route del, with the words of the look"),
+        site_of_all("sets the planned one"),
     ),
     (PREDICTED, "elsewhere"): _predict(
         15,
@@ -103,7 +126,7 @@ PREDICTIONS: Mapping[Key, Fault] = {
 
 def _watch(number: int, sentence: str, look: str, *do: Advice) -> Fault:
     """Make a row of watch: {what} is the value, {found} and {expected} are what it is and was."""
-    again = controller("ansible-playbook -i {inventory} rosfleet.multimaster.verify", "names the faults of now")
+    again = verify_again("names the faults of now")
     return Fault(
         f"RF-8{number:02}", sentence, do=do or (again,), look=(on(look),), why="a value was read before and after"
     )
@@ -129,7 +152,10 @@ LOSSES: Mapping[Key, Fault] = {
     ),
     (WATCHED, "service"): _watch(5, "{what} on {place}: {found}", "systemctl list-units --all 'multimaster-*'"),
     (WATCHED, "route"): _watch(
-        6, "the route of {place} to {what} is {found}, and was {expected}", "ip rule; ip route; ip monitor route"
+        6,
+        "the route of {place} to {what} is {found}, and was {expected}",
+        "ip rule; ip route; journalctl -n 50 -u NetworkManager -u systemd-networkd",
+        site("sets its routes again"),
     ),
     (WATCHED, "setting"): _watch(
         7, "{what} on {place} is {found}, and was {expected}", "journalctl -n 50 -u systemd-sysctl"

@@ -10,18 +10,20 @@ from collections.abc import Mapping
 from .computer import ADDRESSES
 from .fault import (
     ALWAYS,
+    COMPUTERS,
+    NETWORK,
     READ,
     Advice,
     Advices,
     Fault,
     Key,
     change,
-    controller,
     hand,
     keep_settings,
     on,
     site,
     site_of_all,
+    verify_again,
 )
 
 CLOUD = "writes /etc/hosts, and keeps cloud-init from writing the line again at boot"
@@ -52,7 +54,7 @@ NAMES: Mapping[Key, Fault] = {
     ("names", "old"): _name(
         4,
         "on {place} {what} means another address: an older line of /etc/hosts, or a name server",
-        site("writes its line, and names the line that conflicts with it"),
+        site("writes its line; if it names another line, make that a comment, and run it again"),
         more=(on("grep ^hosts /etc/nsswitch.conf"),),
     ),
     ("names", "several"): _name(
@@ -199,8 +201,12 @@ INTERFACES: Mapping[Key, Fault] = {
     ("neighbour", "fixed"): Fault(
         "RF-223",
         "on {place} a person or a program has set the hardware address of {what} by hand, and it is not that of {what}",
-        do=(on("ip neighbour flush nud permanent"),),
-        look=(on("ip neighbour show nud permanent"),),
+        do=(on("ip neighbour flush to {target} nud permanent", "until what has set it does so again"),),
+        look=(
+            on(
+                "ip neighbour show nud permanent; grep -rnE 'neigh|arp -s' /etc/network /etc/systemd/network /etc/rc.local 2>/dev/null"
+            ),
+        ),
         what="a computer",
         read=ALWAYS,
         why="the entry was read",
@@ -287,6 +293,7 @@ LINKS: Mapping[Key, Fault] = {
         why="it is named if no component of the table is left",
         what="they leave one and do not come in at the other",
         hard=False,
+        at=COMPUTERS,
     ),
     ("way", "ends"): Fault(
         "RF-242",
@@ -309,6 +316,7 @@ LINKS: Mapping[Key, Fault] = {
         look=(Advice(THERE, "ping -c 3 {other}"),),
         cost=2.0,
         why="guest networks keep their clients apart",
+        at=(NETWORK,),
     ),
     ("network", "loss"): Fault(
         "RF-252",
@@ -318,6 +326,7 @@ LINKS: Mapping[Key, Fault] = {
         cost=4.0,
         why="one link is more often the reason",
         hard=False,
+        at=(NETWORK,),
     ),
     ("network", "slow"): Fault(
         "RF-253",
@@ -327,10 +336,11 @@ LINKS: Mapping[Key, Fault] = {
             change("or leave large topics, such as images, out by multimaster_exports or multimaster_filters"),
             site_of_all(),
         ),
-        look=(controller("ansible-playbook -i {inventory} rosfleet.multimaster.verify -e verify_throughput=true"),),
+        look=(verify_again("measures each pair, one after the other", "-e verify_throughput=1"),),
         cost=1.2,
         why="links are slow every day",
         hard=False,
+        at=(NETWORK,),
     ),
     ("network", "multicast"): Fault(
         "RF-254",
@@ -343,6 +353,7 @@ LINKS: Mapping[Key, Fault] = {
         look=(Advice(THERE, "timeout 10 tcpdump -n -i any -c 10 udp port 11511"),),
         cost=2.5,
         why="switches come with snooping, and few with a querier",
+        at=(NETWORK,),
         hard=False,  # a switch prunes port by port: a computer that has just joined hears the others for some minutes
     ),
     ("network", "large"): Fault(
@@ -352,5 +363,6 @@ LINKS: Mapping[Key, Fault] = {
         look=(Advice(THERE, "ping -M do -s 1472 -c 3 {other}"),),
         cost=4.0,
         why="few people change an MTU",
+        at=(NETWORK,),
     ),
 }

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import ALWAYS, READ, Advice, Advices, Fault, Key, change, hand, on, site, site_of_all
+from .fault import ALWAYS, READ, ROBOTS, Advice, Advices, Fault, Key, change, hand, on, site, site_of_all, verify_again
 from .filters import MAKERS, RULES
 
 START_AGAIN = hand(
@@ -40,8 +40,8 @@ NODES: Mapping[Key, Fault] = {
         do=(
             site("writes the profile of shells"),
             on(
-                "sed -i -E 's/^[[:space:]]*(export )?ROS_(HOSTNAME|IP|MASTER_URI)=/# &/' ~/.bashrc ~/.profile",
-                "as the user who starts nodes",
+                "sed -i.before -E 's/^[[:space:]]*(export )?ROS_(HOSTNAME|IP|MASTER_URI)=/: # &/' ~/.bashrc ~/.profile",
+                "as the user who starts nodes, in a new login then; the former files are ~/.bashrc.before and ~/.profile.before",
             ),
         ),
         look=(on("bash -lic env 2>/dev/null | grep ^ROS; grep -n ROS_ ~/.bashrc ~/.profile /etc/profile.d/*"),),
@@ -132,11 +132,12 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         look=(Advice(MASTERS, "rosnode list"),),
         what="see rosnode list",
         why="both roscores were compared",
+        at=ROBOTS,
     ),
     ("registration", "talker"): Fault(
         "RF-523",
         "the talker of the verification on {place} does not run, or has not registered: {what}",
-        do=(hand("verify again; with many computers with -e verify_lifetime=600"),),
+        do=(verify_again("starts a talker that lives longer, as many computers need it", "-e verify_lifetime=600"),),
         look=(on("journalctl -n 50 -u multimaster-verify-talker"),),
         cost=3.5,
         why="it is started only for this run",
@@ -145,7 +146,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ("registration", "listener"): Fault(
         "RF-524",
         "the subscriber of the verification on {place} gave no result: {what}",
-        do=(hand("verify again; with many computers with -e verify_patience=60"),),
+        do=(verify_again("waits longer, as many computers need it", "-e verify_patience=60"),),
         look=(on("timeout 5 rostopic echo -n 1 /rosout"),),
         cost=3.5,
         why="it is started only for this run",
@@ -174,7 +175,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ("registration", "mute"): Fault(
         "RF-527",
         "a node on {place} takes connections and says nothing: {what}; it hangs, or a signal or a debugger has stopped it",
-        do=(on("systemctl kill --signal=CONT multimaster-verify-talker", "lets the talker go on, if it is stopped"),),
+        do=(verify_again("starts another talker"),),
         look=(HUNG_LOOK,),
         what="a node",
         read=ALWAYS,
@@ -187,6 +188,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         look=(Advice(MASTERS, "rosnode info {nodes}"),),
         what="see rosnode info",
         why="the kernel's connections were compared with the plan",
+        at=ROBOTS,
     ),
     ("topic", "shared"): Fault(
         "RF-531",
@@ -202,6 +204,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         look=(Advice(MASTERS, "rostopic info {topic}"),),
         what="see rostopic info",
         why="both roscores were compared",
+        at=ROBOTS,
     ),
     ("topic", "circle"): Fault(
         "RF-532",
@@ -214,6 +217,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         look=(Advice(MASTERS, "rosnode info {nodes}"),),
         what="see rosnode info",
         why="both bridges were seen",
+        at=ROBOTS,
     ),
     ("time", "simulated"): Fault(
         "RF-551",
@@ -257,5 +261,6 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         look=(Advice("a computer of the fleet", "ip neighbour show {place}"),),
         what="a program",
         why="its datagrams were heard",
+        at=("ADDRESS",),
     ),
 }

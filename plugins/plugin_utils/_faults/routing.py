@@ -28,7 +28,10 @@ ROUTING: Mapping[Key, Fault] = {
     ("route", "other"): Fault(
         "RF-262",
         "another route of {place} to {what} comes first: a second default route, as DHCP brings it, that of a VPN or of Docker, or one set by hand",
-        do=(site("sets its own route, and names the other one"),),
+        do=(
+            site("sets its own route, and names the other one"),
+            site("takes the place of the other one, if the run refuses it", "-e routes_on_conflict=replace"),
+        ),
         look=(ROUTES,),
         cost=2.0,
         why="DHCP, VPNs and Docker bring routes",
@@ -98,7 +101,7 @@ ROUTING: Mapping[Key, Fault] = {
         "{place} passes small packets on and loses large ones",
         do=(
             hand(
-                "give both interfaces of {place} the MTU of their networks, and let ICMP 'fragmentation needed' pass its packet filter"
+                "give each interface of {place} the MTU of its network, such as: ip link set dev eth0 mtu 1500; and let ICMP pass its packet filter"
             ),
         ),
         look=(

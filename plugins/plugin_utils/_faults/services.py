@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .fault import ALWAYS, READ, Advice, Fault, Key, change, hand, on, site, site_of_all
+from .fault import ALWAYS, READ, ROBOTS, Advice, Fault, Key, change, hand, on, reinstall, site, site_of_all
 
 DISCOVERY = on("systemctl status multimaster-discovery; journalctl -b -n 50 -u multimaster-discovery")
 SYNC = on("systemctl status multimaster-sync; journalctl -b -n 50 -u multimaster-sync")
@@ -17,7 +17,10 @@ ROSCORE = on(
 )
 LOG = on("journalctl -b -n 50 -u {what}")
 # The nodes are registered at the roscore, and end with it.
-RESTART = on("systemctl restart multimaster-roscore multimaster-discovery multimaster-sync")
+RESTART = on(
+    "systemctl restart multimaster-roscore multimaster-discovery multimaster-sync",
+    "with multimaster_roscore: existing, first start your own roscore again, and leave multimaster-roscore out",
+)
 RESTART_DISCOVERY = on("systemctl restart multimaster-discovery")
 RESTART_SYNC = on("systemctl restart multimaster-sync")
 RESTART_UNIT = on("systemctl restart {what}")
@@ -282,7 +285,7 @@ EXCHANGE: Mapping[Key, Fault] = {
         do=(
             Advice(
                 "the master of the robot that gets it",
-                "rosparam delete {what}",
+                "for name in {parameter}; do rosparam delete $name; done",
                 "if it has a value of its own; sync brings the other one",
             ),
             change("or take the name out of multimaster_exports"),
@@ -292,6 +295,7 @@ EXCHANGE: Mapping[Key, Fault] = {
         what="see multimaster_exports",
         read=ALWAYS,
         why="both values were compared",
+        at=ROBOTS,
     ),
     ("relay", "lacking"): Fault(
         "RF-442",
@@ -301,11 +305,12 @@ EXCHANGE: Mapping[Key, Fault] = {
         what="see multimaster_exports",
         read=ALWAYS,
         why="both roscores were compared",
+        at=ROBOTS,
     ),
     ("relay", "configuration"): Fault(
         "RF-446",
         "the relay of {place} takes other topics or services across than the inventory says: {what}",
-        do=(site("writes its parameters, as a run for all robots with another --limit has not"),),
+        do=(site("writes its parameters: a run with another --limit has left it out"),),
         look=(on("cat /etc/rosfleet-multimaster/master_relay.json"),),
         what="see its parameters",
         read=ALWAYS,
@@ -331,6 +336,7 @@ EXCHANGE: Mapping[Key, Fault] = {
         what="see multimaster_exports",
         read=READ,
         why="the inventory was compared with the needed one",
+        at=ROBOTS[:1],
     ),
     ("messages", "differ"): Fault(
         "RF-444",
@@ -341,11 +347,12 @@ EXCHANGE: Mapping[Key, Fault] = {
         ),
         what="see rosmsg md5",
         why="both sums were compared",
+        at=ROBOTS,
     ),
     ("messages", "unknown"): Fault(
         "RF-445",
         "the Python of ROS on {place} does not list the classes of its message types: {what}",
-        do=(on("apt-get install --reinstall python3-std-msgs", "or the package that the look names"),),
+        do=(reinstall("*-std-msgs", "or the package that the look misses"),),
         look=(on("rosmsg md5 std_msgs/String; python3 -c 'import std_msgs.msg'"),),
         what="rospy fails there",
         why="a question to it fails",

@@ -31,6 +31,8 @@ TAG = "__ansible_type"  # a value of a type of Ansible's own, from ansible-core 
 #: Keys that Ansible's part of a module adds. Its messages become plain texts. The options are known to the controller.
 MESSAGES = ("warnings", "deprecations")
 TRACE, OPTIONS, CHANGES = "exception", "invocation", "diff"
+#: about the file in an answer with a `path`
+FILE_FACTS = ("uid", "gid", "owner", "group", "mode", "state", "size", "secontext")
 
 # By Ansible's part of a module, before ours begins: which Python it needs, and which one is there.
 _OLD_PYTHON = re.compile(r"Python3? (?:version )?(3\.\d{1,2})\b[^{}\"]{0,40}Current version: (3\.\d{1,2})\b")
@@ -88,7 +90,7 @@ def check_answer(text: str, answer: Answer) -> CheckedAnswer:
     trace = "\n".join(_messages(data.get(TRACE)))
     if result.get("failed"):
         result.setdefault("msg", plain((trace.strip().splitlines() or ["it does not say why"])[-1], LINE))
-    known = {*answer, *MESSAGES, CHANGES, TRACE, OPTIONS}
+    known = {*answer, *MESSAGES, CHANGES, TRACE, OPTIONS, *(FILE_FACTS if "path" in answer else ())}
     more = [quote(name, NAME) for name in data if name not in known]
     return CheckedAnswer(result, plain_lines(trace), reader.left_out + more)
 

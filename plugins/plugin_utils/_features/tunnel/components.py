@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from ..._faults.fault import READ, ComponentHooks, Fault, hand, on, site
+from ..._faults.fault import COMPUTERS, READ, ComponentHooks, Fault, controller, hand, on, site, site_of_all
 
 ENDED, BESIDE = ("tunnel", "ended"), ("tunnel", "beside")
 
@@ -40,7 +40,8 @@ HOOKS = ComponentHooks(
             "the key of {place} is not the one that others have of it",
             do=(
                 hand("find out who has set {place} up anew; if it was you:"),
-                site("gives all computers its new key", "-e tunnel_rotate=true"),
+                site("makes and believes its new key", "-e tunnel_rotate=true"),
+                site_of_all("gives that key to all others"),
             ),
             look=(on("wg show multimaster0 public-key"),),
             cost=2.0,
@@ -84,7 +85,10 @@ HOOKS = ComponentHooks(
             "RF-617",
             "nothing comes through the tunnel of {place}, and its clock is {what}: handshakes of a clock that went back are refused",
             do=(
-                hand("set the clock of {place}, with the time of the controller: date --utc --set"),
+                controller(
+                    'ansible {place} -i {inventory} -b -m ansible.builtin.command -a "date --utc --set @$(date +%s)"',
+                    "the time of the controller",
+                ),
                 hand("keep it right with a battery for the clock, or with multimaster_clock"),
             ),
             look=(on("date --utc; wg show multimaster0 latest-handshakes"),),
@@ -98,6 +102,7 @@ HOOKS = ComponentHooks(
             look=(on("wg show multimaster0 endpoints; wg show multimaster0 latest-handshakes"),),
             cost=4.0,
             why="one computer is more often the reason than a pair",
+            at=COMPUTERS,
         ),
     },
     # With a tunnel its interface is gone, with its address and its routes; measurements with the group need that address.

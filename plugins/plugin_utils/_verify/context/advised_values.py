@@ -32,6 +32,7 @@ def _name_neighbour(component: Component, state: FleetState) -> Mapping[str, str
     values = {
         "address": str(own.plan.address),
         "device": _find_device(component.place, component.what or network, state),
+        "target": state.ways.addresses.get(component.what, ""),
     }
     if (component.kind, component.mode) != ("interface", "duplicate"):
         return values
@@ -108,7 +109,17 @@ def _list_bridges(_component: Component, robots: Sequence[str], state: FleetStat
     return state.exchanges.find_bridges(robots)
 
 
-MOST_NODES = 4
+def _list_parameters(component: Component, _robots: Sequence[str], state: FleetState) -> Iterator[str]:
+    """List the parameters with another value, by their names on the robot that gets them."""
+    for its_name, own in OTHER_VALUE.findall(component.what):
+        for one in state.run.values():
+            if one.plan.is_master and one.plan.robot == own:
+                for entry in one.plan.sync.get("sync_parameters", ()):
+                    yield from (entry.get("as", "") + name for name in entry["names"] if name == its_name)
+
+
+MOST_NODES, MOST_PARAMETERS = 4, 4
+OTHER_VALUE = re.compile(r"(/\S+) of \S+ has another value on ([^\s,]+)")  # in the sentences of the check of copies
 ALIKE = re.compile(r"(/[A-Za-z0-9_/]+) of ")  # a topic of a robot, in the sentences of the check of types
 TOPIC = _Names("topic", "graph", _list_topics)
 #: kind and mode of a fault between roscores -> the names for its commands
@@ -117,6 +128,7 @@ NAMES: Mapping[tuple[str, str], tuple[_Names, ...]] = {
         _Names("topic", "graph", _list_differing, 2),
         _Names("type", "type", _list_types),
     ),
+    ("parameter", "copy"): (_Names("parameter", "graph", _list_parameters, MOST_PARAMETERS),),
     ("registration", "link"): (_Names("nodes", "graph", _list_linked_nodes, MOST_NODES),),
     ("topic", "shared"): (TOPIC,),
     ("topic", "circle"): (_Names("nodes", "graph", _list_bridges, MOST_NODES),),

@@ -131,14 +131,15 @@ def _limit_files(computer: Participant, components: Sequence[Component], _state:
         yield advice.of_unit(person, "{systemctl} daemon-reload; {systemctl} restart {unit}", unit)
 
 
-#: a maker of packet filters -> its rule for a network, by the direction of its packets, so that it holds at boot; then the command that loads it
-LASTING: Mapping[str, tuple[Mapping[str, str], str]] = {
-    "ufw": ({"in": "ufw allow from {}", "out": "ufw allow out to {}", "forward": "ufw route allow from {}"}, ""),
-    "firewalld": (
-        dict.fromkeys(("in", "forward"), "firewall-cmd --permanent --zone=trusted --add-source={}"),
-        "firewall-cmd --reload",
+#: a maker of packet filters -> its rule for a network, by the direction of its packets, now and, except of Docker, at boot.
+#: A reload of firewalld empties the tables of others, such as Docker's, so firewalld gets each rule twice.
+LASTING: Mapping[str, Mapping[str, str]] = {
+    "ufw": {"in": "ufw allow from {}", "out": "ufw allow out to {}", "forward": "ufw route allow from {}"},
+    "firewalld": dict.fromkeys(
+        ("in", "forward"),
+        "firewall-cmd --zone=trusted --add-source={0}; firewall-cmd --permanent --zone=trusted --add-source={0}",
     ),
-    "docker": ({"forward": "iptables -I DOCKER-USER -s {} -j ACCEPT"}, ""),
+    "docker": {"forward": "iptables -I DOCKER-USER -s {} -j ACCEPT"},
 }
 
 
@@ -160,10 +161,9 @@ def _accept_packets(computer: Participant, components: Sequence[Component], stat
         known = [
             lasting for maker, lasting in LASTING.items() if any(re.fullmatch(MAKERS[maker], one) for one in origins)
         ]
-        if known and (words := known[0][0].get(direction)):
+        if known and (words := known[0].get(direction)):
             ends = (GROUPS,) if component.mode == "group out" else networks
             yield from (words.format(end) for end in ends)
-            yield known[0][1]
         elif origins:
             yield _accept_before(component, origins[0], networks)
         else:
@@ -247,6 +247,7 @@ def _free_sync(computer: Participant, _components: Sequence[Component], state: F
 KEPT_APART = "a packet filter there has rules that are not understood, perhaps for the user of this node alone"
 HANGS = "lets a stopped process go on; if it hangs, kill -9 in the place of kill -CONT ends it: then start it again"
 CONNTRACK = "conntrack -D --src-nat"
+GOES = "until its link comes up again; a login that comes in by that gateway ends"
 PACKAGE = "conntrack is of the package of that name; it ends connections from before, which are still translated"
 
 
@@ -354,7 +355,9 @@ def _stop_others(computer: Participant, components: Sequence[Component], _state:
     for unit, person in units:
         if made := advice.of_unit(person.strip('"'), "{systemctl} disable --now {unit}", unit):
             yield Advice(
-                computer.name, made, "or do nothing if it is meant; site.yml starts the nodes of the plan instead"
+                computer.name,
+                made,
+                "or do nothing if it is meant; it ends all that this unit runs, and site.yml starts the nodes of the plan instead",
             )
 
 
@@ -387,6 +390,7 @@ def make_commands(components: Sequence[Component], computer: Participant | None,
     effects = (
         UNTIL if "nft insert " in words or words.startswith("iptables ") else "",
         PACKAGE if CONNTRACK in words else "",
+        GOES if words.startswith("ip route del default ") else "",
         HANGS if words.startswith("kill -CONT ") else "",
     )
     effect = "; ".join(filter(None, effects))

@@ -9,11 +9,13 @@ import subprocess
 import sys
 
 import pytest
+import yaml
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import (
     ALWAYS,
     CONTROLLER,
     HANDS,
     INVENTORY,
+    UNREAD,
     Advice,
     read_advices,
 )
@@ -28,6 +30,13 @@ RELEASED = pathlib.Path(__file__).with_name("released.txt")
 SHOWING = re.compile(
     r"(df|du|ss|top|journalctl(?! --vacuum)|dmesg|grep|cat|nft (-a )?list|iptables -S|getent|ping|ip (-|link show|rule;|route;)|systemctl status)\b"
 )
+#: Commands that take away what a person or another program has made.
+HARMING = re.compile(
+    r"\b(rm|unlink|truncate|shred|killall|pkill|kill -(9|KILL)|reboot|apt-get (remove|purge)|iptables (-t \w+ )?-[FXD]|nft (flush|delete)|"
+    r"firewall-cmd --(complete-)?reload|(ufw|firewall-cmd) .*(disable|reset|--panic)|netplan apply|docker (rm|compose down)|rosnode kill)\b"
+)
+FLUSHING = re.compile(r"\bflush (?!to )")  # without an address
+OPTION = re.compile(r"-e (\w+)=(\S+)")
 WORDS = dict.fromkeys(("found", "expected", "hop", "traffic"), "x")
 
 
@@ -65,6 +74,26 @@ def test_a_look_is_no_change_of_the_inventory(key):
     assert not any(one.where == INVENTORY for one in TABLE[key].look)
 
 
+@pytest.mark.parametrize("key", TABLE)
+def test_no_command_takes_away_what_others_have_made(key):
+    fault = TABLE[key]
+    commands = [one.text for one in (*fault.do, *fault.look) if one.where not in (HANDS, INVENTORY)]
+    assert not [text for text in commands if HARMING.search(text) or FLUSHING.search(text)]
+
+
+def test_an_option_of_a_command_is_one_of_a_role_and_takes_its_value():
+    kinds = {"bool": {"true", "false"}, "int": re.compile(r"\d+"), "float": re.compile(r"\d+(\.\d+)?")}
+    specs = [yaml.safe_load(path.read_text(encoding="utf-8")) for path in ROOT.glob("roles/*/meta/argument_specs.yml")]
+    known = {name: spec for each in specs for name, spec in each["argument_specs"]["main"].get("options", {}).items()}
+    given = {
+        found for fault in TABLE.values() for one in (*fault.do, *fault.look) for found in OPTION.findall(one.text)
+    }
+    assert len(given) > 3 and {name for name, _value in given} <= set(known)
+    for name, value in given:
+        fits = known[name].get("choices") or kinds[known[name]["type"]]
+        assert fits.fullmatch(value) if isinstance(fits, re.Pattern) else value in fits, (name, value)
+
+
 def test_only_verify_concludes():
     assert not {PREDICTED, WATCHED} & {kind for kind, _mode in FAULTS}
     assert all(fault.cost > 0 for fault in FAULTS.values() if fault.read != ALWAYS)
@@ -89,6 +118,34 @@ def test_a_strange_name_makes_no_command(what):
 def test_an_advice_is_plain_data():
     advices = (Advice("arm", "ip link", "shows it"), Advice("", "look"))
     assert read_advices(to_data(advices)) == advices and read_advices([{}]) == (Advice("", ""),)
+
+
+def _match(fault, advices):
+    """Make the expressions of advices, as a report prints them, with any words for what is filled in."""
+    for one in fault.fill(advices, ("PLACE",), "", "INVENTORY"):
+        text = one.sentence.replace(" --limit PLACE", " FILLED").replace("PLACE", "FILLED")
+        for word in (fault.example, *UNREAD.values()):
+            text = text.replace(word.format(place="FILLED"), "FILLED") if word else text
+        yield re.escape(text).replace("INVENTORY", "FILLED").replace("FILLED", ".+")
+
+
+SAMPLE = re.compile(r"\[(RF-\d+)\]\n((?: {4,}\S.*\n)+)")
+LINES = re.compile(r"^ +(do|look): +(\S.*\n(?: {11,}\S.*\n)*)", re.MULTILINE)
+#: a command of a packet filter that was read is none of the table
+READ_RULES = re.compile(r"on \S+: for from in .* nft insert rule ")
+
+
+def test_a_sample_of_a_finding_on_a_page_is_that_of_the_table():
+    by_id = {fault.id: fault for fault in TABLE.values()}
+    compared = 0
+    for page in sorted(ROOT.glob("docs/**/*.md")):
+        for id_, lines in SAMPLE.findall(page.read_text(encoding="utf-8")):
+            for word, told in LINES.findall(lines):
+                text = " ".join(told.split())
+                known = list(_match(by_id[id_], getattr(by_id[id_], word)))
+                assert READ_RULES.match(text) or any(re.fullmatch(one, text) for one in known), (page.name, text, known)
+                compared += 1
+    assert compared > 5
 
 
 def test_the_pages_are_those_of_the_table():

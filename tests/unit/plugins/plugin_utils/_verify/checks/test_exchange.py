@@ -434,6 +434,8 @@ def test_copied_parameters_are_compared(here, there, found):
     assert_told(change, "copies", FAILED, "parameter", "kobuki1 and kobuki2", "copy", fleet=fleet)
     (entry,) = diagnosed(change, fleet).findings
     assert found in entry.sentence()
+    deleted = MODEL if "another value" in found else "<parameter>"
+    assert entry.do[0].text == f"for name in {deleted}; do rosparam delete $name; done"
 
 
 def test_parameters_that_were_not_read_are_not_judged():

@@ -44,6 +44,13 @@ def test_a_command_to_look_with_has_no_gap(component, place, part):
     assert any(part in text for where, text in found.items() if place in (None, where)), found
 
 
+def test_only_the_wrong_address_of_a_neighbour_is_forgotten():
+    state = Verification(CHECKS, fig12(), observed(fig12())).state
+    one = Component("neighbour", "car-nav", "fixed", "car-visio")
+    (flush,) = one.do(known=name_values(one, state))
+    assert (flush.where, flush.text) == ("car-nav", "ip neighbour flush to 192.168.12.101 nud permanent")
+
+
 def test_an_interface_with_a_strange_name_is_no_part_of_a_command():
     def change(seen):
         update(seen["car-visio"].probe.forwarding.interfaces[0], interface="eth0;reboot")

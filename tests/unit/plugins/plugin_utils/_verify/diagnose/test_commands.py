@@ -106,7 +106,7 @@ def interface(**values):
         (
             routes(PLANNED, DefaultRoute("eth0", gateway=DHCP, metric="50")),
             ("route", "defaults", ""),
-            f"ip route del default via {DHCP} dev eth0 metric 50",
+            f"ip route del default via {DHCP} dev eth0 metric 50 (until its link comes up again; a login that comes in by that gateway ends)",
         ),
         (routes(DefaultRoute("eth0", gateway=DHCP), DefaultRoute("eth1", gateway=DHCP)), ("route", "defaults", ""), ""),
         (routes(PLANNED, DefaultRoute("eth0", gateway="1.2.3.4; reboot")), ("route", "defaults", ""), ""),
@@ -199,6 +199,7 @@ def let_in(rule):
             "all in",
             "",
             "inet firewalld filter_INPUT",
+            "firewall-cmd --zone=trusted --add-source=192.168.1.0/24; "
             "firewall-cmd --permanent --zone=trusted --add-source=192.168.1.0/24; ",
         ),
         ("roscore in", "11311; reboot", "inet own input", ""),
