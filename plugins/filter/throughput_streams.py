@@ -31,7 +31,7 @@ options:
     choices: [auto, all]
     default: auto
   least:
-    description: How many Mbit/s are expected, for example V(20); it is only looked whether this is a number.
+    description: How many Mbit/s are expected, from 0 to 1000000, for example V(20). Another value is refused; the streams do not depend on it.
     type: float
     default: 0
 """
