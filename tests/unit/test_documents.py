@@ -111,13 +111,6 @@ def test_the_index_has_each_page_once():
     assert len(pages) > 20 and {page: listed[page] for page in pages} == dict.fromkeys(pages, 1)
 
 
-def test_the_table_of_what_is_added_has_each_section():
-    page = "docs/develop/adding.md"
-    titles = re.findall(r"^## (.+)$", FENCED.sub("", text(page)), re.MULTILINE)
-    rows = re.findall(r"^\| \[([^\]]+)\]", text(page), re.MULTILINE)
-    assert [f"{row[0].upper()}{row[1:]}" for row in rows] == titles[:-1] and titles[-1] == "After each change"
-
-
 def test_the_inventory_of_the_readme_is_the_shipped_one():
     """`test_inventories.py` plans that one; tests/systems/test_readme.py sets up a fleet with it."""
     blocks = re.findall(r"^```yaml\n# ([\w./]+\.yml)\b.*\n((?s:.*?))^```$", text("README.md"), re.MULTILINE)
