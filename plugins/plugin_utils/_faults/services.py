@@ -342,9 +342,7 @@ EXCHANGE: Mapping[Key, Fault] = {
         "RF-444",
         "message definitions differ on {place}: {what}",
         do=(hand("install the same version of the message package on both, or give one of the topics another name"),),
-        look=(
-            Advice("the masters of {place}", "for name in {topic}; do rostopic type $name; done; rosmsg md5 {type}"),
-        ),
+        look=(Advice("the masters of {place}", "rostopic type {topic}; rosmsg md5 {type}"),),
         what="see rosmsg md5",
         why="both sums were compared",
         at=ROBOTS,

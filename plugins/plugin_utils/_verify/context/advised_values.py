@@ -79,6 +79,7 @@ class _Names(NamedTuple):
     form: str  # of advice.FORMS
     find: Callable[[Component, Sequence[str], FleetState], Iterable[str]]  # also of robots whose roscores were read
     most: int = 1  # as many as the command takes
+    between: str = " "  # our words between two names, as where a command takes one
 
 
 def _list_topics(component: Component, _robots: Sequence[str], _state: FleetState) -> Iterable[str]:
@@ -125,7 +126,7 @@ TOPIC = _Names("topic", "graph", _list_topics)
 #: kind and mode of a fault between roscores -> the names for its commands
 NAMES: Mapping[tuple[str, str], tuple[_Names, ...]] = {
     ("messages", "differ"): (
-        _Names("topic", "graph", _list_differing, 2),
+        _Names("topic", "graph", _list_differing, 2, "; rostopic type "),
         _Names("type", "type", _list_types),
     ),
     ("parameter", "copy"): (_Names("parameter", "graph", _list_parameters, MOST_PARAMETERS),),
@@ -142,5 +143,5 @@ def _name_registrations(component: Component, state: FleetState) -> Mapping[str,
     for names in NAMES.get((component.kind, component.mode), ()):
         found = dict.fromkeys(names.find(component, robots, state))
         texts = filter(None, (advice.format_value(names.form, name) for name in found))
-        values[names.word] = " ".join(islice(texts, names.most))
+        values[names.word] = names.between.join(islice(texts, names.most))
     return values

@@ -371,12 +371,12 @@ def _bridge(seen):
         (
             _other_type(TALKS, "0123"),
             "differ",
-            f"for name in /chatter; do rostopic type $name; done; rosmsg md5 {TALKS}",
+            f"rostopic type /chatter; rosmsg md5 {TALKS}",
         ),
         (
             _other_type("std_msgs/$(reboot)"),
             "differ",
-            f"for name in /chatter; do rostopic type $name; done; rosmsg md5 {TALKS}",
+            f"rostopic type /chatter; rosmsg md5 {TALKS}",
         ),
         (_stranger_of_a_node, "link", "rosnode info /rosout"),
         (_odd_names, "link", "rosnode info <node>"),
