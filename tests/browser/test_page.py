@@ -13,6 +13,8 @@ import time
 
 import fleets
 import pytest
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._faults.fault import list_advices, write_advices
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from chromium import Chromium
 from reports import make_report
 
@@ -40,7 +42,7 @@ STATES = {
 }
 
 
-WINDOWS = {"followed": (720, 630, "#finding-1")}  # width, height and place of a picture that is not the usual one
+WINDOWS = {"followed": (720, 650, "#finding-1")}  # width, height and place of a picture that is not the usual one
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +157,9 @@ def test_the_picture_and_the_text_are_of_one_run():
     (way,) = FOLLOWED["ways"]
     assert FOLLOWED["followed"] == [way["words"]]
     assert f"followed: {way['words']}" in text and FOLLOWED["sentence"] in text
+    fault = Component("setting", "tibi-nav", "ttl")
+    assert (FOLLOWED["do"], FOLLOWED["look"]) == (list_advices(fault.do()), list_advices(fault.look()))
+    assert FOLLOWED["remedy"] == write_advices(fault.do()) and FOLLOWED["remedy"] in text
 
 
 def test_the_keyboard_leads_from_the_picture_to_the_evidence(browser, pages):

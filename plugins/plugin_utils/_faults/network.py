@@ -257,7 +257,7 @@ LINKS: Mapping[Key, Fault] = {
         do=(
             on("iw dev {device} set power_save off", "until the next boot"),
             on(
-                r"printf '[connection]\nwifi.powersave = 2\n' >/etc/NetworkManager/conf.d/99-power-save.conf",
+                r"printf '[connection]\nwifi.powersave = 2\n' >/etc/NetworkManager/conf.d/99-user-power-save.conf",
                 "for the next boot, with NetworkManager",
             ),
         ),

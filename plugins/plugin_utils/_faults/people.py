@@ -155,7 +155,10 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ("registration", "untold"): Fault(
         "RF-525",
         "nodes on {place} do not hear of new publishers: its roscore has them, and does not reach the nodes there",
-        do=(hand("let the computer of the roscore know the name {place}, and reach TCP ports above 1024 there"),),
+        do=(
+            site_of_all("writes the name {place} on the computer of the roscore"),
+            hand("let the computer of the roscore reach TCP ports from 1024 up on {place}"),
+        ),
         look=(Advice("the computer of its roscore", "getent ahostsv4 {place}; ping -c 1 {place}"), RULES),
         read=ALWAYS,
         why="the roscore was asked, and then the nodes",
