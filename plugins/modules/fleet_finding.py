@@ -98,7 +98,9 @@ do:
       effect: writes /etc/hosts
   contains:
     where:
-      description: The place of the command, C(the controller), C(the inventory) or a computer. Empty if no command does it.
+      description:
+        - The place of the command, C(the controller), C(the inventory), a computer, or words for one, such as C(its companion).
+        - Empty if no command does it.
       returned: always
       type: str
       sample: the controller
@@ -124,7 +126,9 @@ look:
       effect: ""
   contains:
     where:
-      description: The place of the command, C(the controller), C(the inventory) or a computer. Empty if no command does it.
+      description:
+        - The place of the command, C(the controller), C(the inventory), a computer, or words for one, such as C(its companion).
+        - Empty if no command does it.
       returned: always
       type: str
       sample: kobuki1computer
