@@ -182,6 +182,7 @@ SECONDS = {
     "relay": 390,
     "sealed": 80,
     "images": 40,
+    "network_files": 200,
 }
 
 #: Files of tests/systems that have a lab in common, by its name. All others have one each: "systems-NAME".

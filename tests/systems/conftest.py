@@ -71,6 +71,12 @@ def bring_ansible(lab, host):
 
 
 @pytest.fixture(scope="session")
+def bring():
+    """The function that brings Ansible and the checkout to a computer of a lab."""
+    return bring_ansible
+
+
+@pytest.fixture(scope="session")
 def run_by_hand(lab):
     """A function that runs a module on the second computer without a controller that confirms, and returns its answer."""
     host = "kobuki2computer"

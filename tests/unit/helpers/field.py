@@ -10,17 +10,23 @@ import codecs
 import os
 import pathlib
 
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 
 FOLDER = pathlib.Path(__file__).parents[1] / "fixtures" / "field"
 EXAMPLES = int(os.environ.get("FIELD_EXAMPLES") or 40)
 
 
-def tries(share=1.0):
-    """Set how many examples a property tries: a share of FIELD_EXAMPLES, less where each one runs a program."""
+def tries(share=1.0, shrink=True):
+    """Set how many examples a property tries: a share of FIELD_EXAMPLES, less where each one runs a program.
+
+    `shrink`: look for a smaller example of a failure, which takes many more of them.
+    """
+    phases = [phase for phase in Phase if shrink or phase not in (Phase.shrink, Phase.explain)]
     checks = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
-    return settings(max_examples=max(3, int(EXAMPLES * share)), deadline=None, suppress_health_check=checks)
+    return settings(
+        max_examples=max(3, int(EXAMPLES * share)), deadline=None, phases=phases, suppress_health_check=checks
+    )
 
 
 #: The files that people have in another form than this repository may: by the stem of their names.

@@ -22,7 +22,9 @@ from ...transaction import atomic
 from ..kernel import DEFAULTS, RouteSpec
 from . import contract, networkd, networkmanager
 
-FILE = f"/etc/netplan/90-{contract.NAME}.yaml"
+# Behind the files of others: netplan refuses routes for a wifi or a VLAN whose access points or link only a later file names.
+FILE = f"/etc/netplan/zz-{contract.NAME}.yaml"
+_EARLIER = f"/etc/netplan/90-{contract.NAME}.yaml"  # its name until version 1.1
 FOLDERS = ("etc/netplan", "run/netplan", "lib/netplan")  # those that netplan reads
 _GENERATED = "/run/systemd/network/10-netplan-"
 _LIMIT = 60.0  # seconds; netplan generate takes a few tenths
@@ -93,7 +95,7 @@ class BackEnd(contract.BackEnd):
         return set(self._definitions)
 
     def list_places(self) -> typing.List[str]:
-        return [FILE]
+        return [FILE, _EARLIER]
 
     def find_place(self, interface: str) -> str:
         definition = self._definitions.get(interface)
@@ -133,13 +135,13 @@ class BackEnd(contract.BackEnd):
                     shutil.copytree(
                         self.machine.path(folder), os.path.join(copy, folder), ignore_dangling_symlinks=True
                     )
-            path = os.path.join(copy, FILE.lstrip("/"))
-            text = wanted.get(FILE)
-            if text is None:
-                atomic.remove(path)
-            else:
-                atomic.make_folders(os.path.dirname(path))
-                atomic.write_by_rename(path, text.encode("utf-8"), mode=self.mode)
+            for place in self.list_places():
+                path, text = os.path.join(copy, place.lstrip("/")), wanted.get(place)
+                if text is None:
+                    atomic.remove(path)
+                else:
+                    atomic.make_folders(os.path.dirname(path))
+                    atomic.write_by_rename(path, text.encode("utf-8"), mode=self.mode)
             answer = commands.run(["netplan", "generate", "--root-dir", copy], limit=_LIMIT)
             if answer.status != 0:
                 raise Problem(

@@ -29,6 +29,28 @@ def test_ifupdown_owns_what_ifup_brought_up(tree):
     assert end(ifupdown, tree).list_interfaces() == {"eth0"}
 
 
+def test_an_alias_is_its_interface(tree):
+    (tree / "run/network/ifstate").write_text("lo=lo\neth0:1=eth0:1\n")
+    assert end(ifupdown, tree).list_interfaces() == {"eth0"}
+
+
+@pytest.mark.parametrize("line", ["no-scripts eth0", "no-scripts lo eth*", " no-scripts \\\n eth0  "])
+@pytest.mark.parametrize(
+    "source", ["source lab/*", "source-directory lab", "source /etc/network/lab/a /etc/network/interfaces"]
+)
+def test_an_interface_without_hooks_is_refused(tree, line, source):
+    (tree / "etc/network/lab").mkdir()
+    (tree / "etc/network/lab/a").write_text(line + "\n")
+    (tree / "etc/network/interfaces").write_text("# no-scripts eth1.5\nno-scripts /eth*\n")
+    back_end = end(ifupdown, tree)
+    wanted = {ifupdown.HOOK: back_end.render(ifupdown.HOOK, ROUTES)}
+    back_end.check(wanted)
+    with (tree / "etc/network/interfaces").open("a") as stream:
+        stream.write(source + "\n")
+    with pytest.raises(Problem, match='/etc/network/lab/a says "no-scripts .*ifup runs no hook for eth0'):
+        back_end.check(wanted)
+
+
 def test_the_hook_of_ifupdown(tree):
     hook = end(ifupdown, tree).render(ifupdown.HOOK, ROUTES)
     assert hook == (FIXTURES / "if-up.d").read_text()

@@ -154,6 +154,25 @@ def test_no_routes_no_file(tmp_path):
     assert without_file.wanted == {}
 
 
+EARLIER = "/etc/netplan/90-rosfleet-multimaster.yaml"
+
+
+def test_a_file_of_an_earlier_version_is_moved_behind_those_of_others(tmp_path, tool):
+    where = machine(tmp_path, {"eth0": generated("eth0")})
+    write(tmp_path, generated("eth0"), "[Match]\nName=eth0\n")
+    text = netplan.BackEnd(where, {}).render(netplan.FILE, {"eth0": ROUTES[:1]})
+    write(tmp_path, EARLIER, text)
+    write(tmp_path, "/etc/netplan/99_config.yaml", "site")
+    plan = Boot(where, read_record({}))
+    tool["generated"] = {generated("eth0"): "Destination=192.168.11.0/24\n"}
+    plan.plan({"netplan": {"eth0": ROUTES[:1]}})
+    assert plan.wanted == {netplan.FILE: text, EARLIER: None}
+    assert sorted(tool["files"]) == ["etc/netplan/99_config.yaml", netplan.FILE.lstrip("/")]
+    plan.apply()
+    assert sorted(os.listdir(tmp_path / "etc/netplan")) == ["99_config.yaml", os.path.basename(netplan.FILE)]
+    assert plan.undo() == [] and commands.text(str(tmp_path / EARLIER.lstrip("/"))) == text
+
+
 def test_a_definition_of_two_interfaces_is_refused(tmp_path):
     end = back_end(tmp_path, {"eth0": generated("all"), "eth1": generated("all")})
     with pytest.raises(Problem, match='definition "all" is that of eth1 too'):
@@ -190,6 +209,8 @@ def tool(monkeypatch):
             for name in names
         }
         seen["copy"] = argv[-1]
+        for path, text in seen.get("generated", {}).items():
+            write(argv[-1], path, text)
         return seen.get("answer", commands.Answer(0, b"", ""))
 
     monkeypatch.setattr(netplan.commands, "run", run)
