@@ -81,6 +81,20 @@ def test_no_command_takes_away_what_others_have_made(key):
     assert not [text for text in commands if HARMING.search(text) or FLUSHING.search(text)]
 
 
+def test_each_command_is_one_for_a_shell(tmp_path):
+    known = dict.fromkeys(UNREAD, "x")
+    script = tmp_path / "all.sh"
+    commands = [
+        one.text
+        for fault in TABLE.values()
+        for one in fault.fill((*fault.do, *fault.look), ("arm",), "x", "hosts.yml", known)
+        if one.where not in (HANDS, INVENTORY)
+    ]
+    script.write_text("".join(re.sub(r"<\w+>", "x", text) + "\n" for text in commands))  # a person fills these gaps
+    done = subprocess.run(["sh", "-n", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and len(commands) > 300, done.stderr
+
+
 def test_an_option_of_a_command_is_one_of_a_role_and_takes_its_value():
     kinds = {"bool": {"true", "false"}, "int": re.compile(r"\d+"), "float": re.compile(r"\d+(\.\d+)?")}
     specs = [yaml.safe_load(path.read_text(encoding="utf-8")) for path in ROOT.glob("roles/*/meta/argument_specs.yml")]
