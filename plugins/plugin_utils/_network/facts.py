@@ -8,9 +8,9 @@ A machine without facts is taken as planned. The addresses of an interface show 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from ipaddress import IPv4Address, IPv4Interface
+from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from typing import Any
 
 from .._base.plain import from_plain
@@ -95,10 +95,20 @@ def _interface(fleet: FleetPlan, host: str, entry: Info, settings: Info) -> Inte
 
 
 def find_link(fleet: FleetPlan, host: str, device: str, addresses: Iterable[IPv4Address]) -> str:
-    """Name the link of an interface: the planned network with its address, or else a link of its own."""
-    links = fleet.network_names
-    near = (link for address in addresses for network, link in links.items() if address in network)
-    return next(near, f"{quote(device)} of {host}")
+    """Name the link of an interface: the planned network with its address, or else a link of its own.
+
+    An interface with an address in the network of another robot alone, such as a bridge of containers, does not lead there.
+    """
+    near = list(_list_networks(fleet, addresses))
+    plan = fleet.computers[host]
+    own = {fleet.common_network, *(entry.network for entry in plan.networks)}
+    leads_there = plan.is_router or len(set(near)) > 1 or not own.isdisjoint(near)
+    return fleet.network_names[near[0]] if near and leads_there else f"{quote(device)} of {host}"
+
+
+def _list_networks(fleet: FleetPlan, addresses: Iterable[IPv4Address]) -> Iterator[IPv4Network]:
+    """List the planned networks that have these addresses."""
+    return (network for address in addresses for network in fleet.network_names if address in network)
 
 
 def _route(entry: Info) -> Route:
@@ -134,7 +144,7 @@ def merge_links(fleet: FleetPlan, world: World) -> World:
     names = {name: name for name, link in world.links.items() if link.up}  # the name of the wire of each link
     for machine in world.machines.values():
         for one in machine.interfaces:
-            links = (find_link(fleet, machine.name, one.name, [entry.ip]) for entry in one.addresses)
+            links = (fleet.network_names[near] for near in _list_networks(fleet, (entry.ip for entry in one.addresses)))
             wire = {names[link] for link in links if link in names}
             if len(wire) > 1:
                 names = {link: min(wire) if name in wire else name for link, name in names.items()}

@@ -6,6 +6,7 @@
 import itertools
 import random
 from dataclasses import replace
+from ipaddress import IPv4Interface
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._network.facts import (
@@ -129,6 +130,32 @@ def test_links_with_shared_interfaces_are_one_wire(seed):
         draw.choice(read[name]["interfaces"])["addresses"] = addresses_of(*draw.sample(pair, 2))
     now = read_world(PLAN, read)
     assert {one.link for machine in now.machines.values() for one in machine.interfaces} == {COMMON}
+
+
+@pytest.mark.parametrize(
+    ("network", "lost"),
+    [
+        # that of another robot: the answers to a computer that has only an address there are lost, too
+        ("192.168.10.1/24", {("tibi-nav", "dabo-nav"), ("tibi-nav", "dabo-visio"), ("dabo-nav", "tibi-nav")}),
+        ("172.17.0.1/16", set()),
+    ],
+)
+def test_a_bridge_with_the_network_of_another_robot_does_not_lead_there(network, lost):
+    """As a bridge of containers, whose ports nobody of the robot is at."""
+    read = infos(WORLD)
+    facts = read["tibi-nav"]
+    bridge = {**facts["interfaces"][0], "name": "docker0", "addresses": addresses_of(network)}
+    facts["interfaces"] = [*facts["interfaces"], bridge]
+    settings = facts["forwarding"]["interfaces"]
+    facts["forwarding"] = {**facts["forwarding"], "interfaces": [*settings, {**settings[0], "interface": "docker0"}]}
+    route = next(entry for entry in facts["routing"]["routes"] if not entry["gateway"])
+    place = {
+        "destination": str(IPv4Interface(network).network),
+        "device": "docker0",
+        "source": network.partition("/")[0],
+    }
+    facts["routing"] = {**facts["routing"], "routes": [*facts["routing"]["routes"], {**route, **place}]}
+    assert reached(WORLD) - reached(read_world(PLAN, read)) == lost
 
 
 def test_an_outside_address_leaves_an_interface_on_its_link():
