@@ -30,7 +30,7 @@ from ..plugin_utils._base.plain import Mismatch
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines
 from ..plugin_utils._base.sentences import join_causes
 from ..plugin_utils._bundle.archive import LARGEST, UnreadableBundle, unpack
-from ..plugin_utils._bundle.bundle import JUDGED, quote_run, read_bundle
+from ..plugin_utils._bundle.reading import JUDGED, quote_run, read_bundle
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal, name_inventory
 from ..plugin_utils._verify.checks.engine import FAILED, InventorySource

@@ -5,5 +5,6 @@
 __all__ = (
     "archive",
     "bundle",
+    "reading",
     "secrets",
 )

@@ -5,11 +5,14 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 import time
 
 import fleets
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import bundle as bundles
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle import reading
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.archive import UnreadableBundle
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._bundle.secrets import REMOVED, Secrets
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import InventorySource
@@ -30,7 +33,7 @@ def bundled(fleet, *changes, logs=None):
 
 
 def again(bundle):
-    return bundles.read_bundle(bundles.write_files(bundle, "", {}))
+    return reading.read_bundle(bundles.write_files(bundle, "", {}))
 
 
 def kinds(bundle):
@@ -147,7 +150,7 @@ def test_the_name_of_a_computer_is_no_path():
 def test_what_somebody_changed(name, text, said):
     files = bundles.write_files(bundled(fleets.plan(2)), "", {})
     with pytest.raises(UnreadableBundle) as problem:
-        bundles.read_bundle({**files, name: text})
+        reading.read_bundle({**files, name: text})
     assert said in str(problem.value)
 
 
@@ -156,6 +159,20 @@ def test_unplanned_computers_are_left_out_and_texts_plain():
     seen = json.loads(files["observations.json"])
     seen["stranger"] = {}
     seen["kobuki1computer"]["problem"] = "\x1b[2Jx\n{{ 7 * 7 }}"
-    found = bundles.read_bundle({**files, "observations.json": json.dumps(seen)})
+    found = reading.read_bundle({**files, "observations.json": json.dumps(seen)})
     assert set(found.observations) == set(found.fleet.computers)
     assert found.observations["kobuki1computer"].problem == "\\x1b[2Jx {{ 7 * 7 }}"
+
+
+def test_a_report_needs_nothing_that_takes_secrets_out():
+    """Each verification imports it, and the patterns of secrets take long to compile."""
+    package = "ansible_collections.rosfleet.multimaster.plugins"
+    program = f"import sys, {package}.action.fleet_report; print({package + '.plugin_utils._bundle.secrets'!r} in sys.modules)"
+    told = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"PYTHONPATH": ":".join(sys.path)},
+    )
+    assert told.stdout == "False\n"
