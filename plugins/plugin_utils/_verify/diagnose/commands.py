@@ -144,7 +144,8 @@ LASTING: Mapping[str, Mapping[str, str]] = {
 
 
 GROUPS = IPv4Network("224.0.0.0/4")  # of multicast: only the source of packets to it is of the fleet
-WAYS = {"in": "input", "out": "output", "forward": "forward"}  # direction of packets -> the hook of nftables
+WAYS = {"in": ("input",), "out": ("output",), "forward": ("forward",)}  # direction of packets -> the hooks of nftables
+BOTH_ENDS = ("input", "output")  # the hooks if it is not known whether packets or their answers are dropped
 #: direction of packets -> the chains of iptables that they pass, and the end of them that is in a network of the fleet
 CHAINS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "in": (("INPUT", "-s"),),
@@ -177,8 +178,8 @@ def _accept_unread(filters: FilterChains | None, component: Component, networks:
     if not filters.readable:  # without nft the rules are those of iptables
         yield from _accept_first(component, networks)
         return
-    hook = WAYS.get(component.mode.rpartition(" ")[2])
-    chains = [one for one in filters.chains if one.hook == hook and _may_drop(one)]
+    hooks = WAYS.get(component.mode.rpartition(" ")[2], BOTH_ENDS)
+    chains = [one for one in filters.chains if one.hook in hooks and _may_drop(one)]
     if len(chains) == 1 and chains[0].unread:  # of several it is not known which: what one accepts another one may drop
         yield _accept_before(component, f"{chains[0].table} {chains[0].chain}", networks)
 

@@ -275,6 +275,12 @@ def test_without_nft_the_fleet_is_let_in_by_iptables(mode, what, words):
         ),
         ("roscore in", (("input", "inet own", 0, "one"), ("output", "inet own", 1, "two")), ""),
         (
+            "rpc",  # packets or their answers: there is one chain that may do it
+            (("input", "inet own", 1, "one"), ("output", "inet own", 0, "two")),
+            "; ".join(let_in(f"inet own one ip saddr $net tcp {port} 11611 accept") for port in ("dport", "sport")),
+        ),
+        ("rpc", (("input", "inet own", 1, "one"), ("output", "inet own", 1, "two")), ""),
+        (
             "roscore in",
             (("input", "inet own", 1, "one"), ("input", "inet other", 1, "one")),
             "",
