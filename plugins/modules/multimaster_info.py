@@ -358,6 +358,15 @@ exports:
     person: {description: 'The person whose shell was asked, and has the value; empty if none was asked.', version_added: 1.1.0,
         type: str}
     shell: {description: 'V(interactive), V(login), or empty if no shell was asked.', version_added: 1.1.0, type: str}
+silent_shells:
+  description: What gave no answer, so that its variables are unknown.
+  version_added: 1.1.0
+  returned: with the part V(exports)
+  type: list
+  elements: dict
+  contains:
+    person: {description: The person., type: str}
+    shell: {description: 'V(interactive) or V(login) for a shell, V(files) for the files of that person.', type: str}
 sshd:
   description: The ssh server.
   returned: with the part V(sshd)

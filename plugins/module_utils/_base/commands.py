@@ -11,6 +11,7 @@ import signal
 import subprocess
 import tempfile
 import threading
+import types
 import typing
 
 from .problem import explain_error
@@ -137,3 +138,16 @@ def text(path: str, most: int = 1 << 20) -> str:
         return read_regular(path, most).decode("utf-8", "replace")
     except (OSError, ValueError):  # ValueError: a path with a NUL
         return ""
+
+
+def read_source(module: types.ModuleType) -> str:
+    """Read the source of a module of ours, which another process is to run. Raises ImportError without a source.
+
+    The loader is asked, since `inspect` keeps lines in a cache that threads take from each other: where modules come
+    from an archive, as on a robot, one of two threads finds no source at times.
+    """
+    spec: typing.Any = module.__spec__
+    source = spec.loader.get_source(spec.name)
+    if source is None:
+        raise ImportError(f"{spec.name} has no source")
+    return str(source)

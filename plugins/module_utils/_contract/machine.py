@@ -173,6 +173,13 @@ class ExportLine(Struct):
     shell: str = field("V(interactive), V(login), or empty if no shell was asked.", "interactive", added="1.1.0")
 
 
+class SilentShell(Struct):
+    """A question about the variables of a person's shell without an answer."""
+
+    person: str = field("The person.", "robot")
+    shell: str = field("V(interactive) or V(login) for a shell, V(files) for the files of that person.", "interactive")
+
+
 class SetEnv(Struct):
     """A foreign line SetEnv."""
 
@@ -303,6 +310,12 @@ class MachineFacts(Struct):
     )
     exports: typing.Tuple[ExportLine, ...] = field(
         "Assignments of ROS_MASTER_URI, ROS_IP and ROS_HOSTNAME in the files that shells read, other than the collection's.",
+        returned="with the part V(exports)",
+    )
+    silent_shells: typing.Tuple[SilentShell, ...] = field(
+        "What gave no answer, so that its variables are unknown.",
+        [],
+        added="1.1.0",
         returned="with the part V(exports)",
     )
     sshd: SshServer = field("The ssh server.", returned="with the part V(sshd)")

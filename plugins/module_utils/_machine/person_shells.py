@@ -7,13 +7,12 @@ A file may source others, call a function or build a value of several variables,
 """
 
 import fnmatch
-import inspect
 import json
 import os
 import re
 import typing
 
-from .._base.commands import BASE_PATH, run
+from .._base.commands import BASE_PATH, read_source, run
 from .._base.foreign import last_line
 from .._base.plain_text import plain
 from . import shell_program
@@ -75,7 +74,7 @@ def ask(person: Person, names: typing.Sequence[str]) -> Answers:
     """Ask the shells of a person for the variables of these names; one that gives no answer is left out."""
     question = json.dumps([person.shell, KINDS, person.home, list(names), _ASKING]).encode()
     clean = {"PATH": BASE_PATH, "LANG": "C.UTF-8", "USER": person.name, "LOGNAME": person.name}
-    program = ["/usr/bin/python3", "-I", "-c", inspect.getsource(shell_program)]
+    program = ["/usr/bin/python3", "-I", "-c", read_source(shell_program)]
     answer = run(program, clean, _LIMIT, question, (person.uid, person.gid))
     try:  # the person could change the process, and its answer
         kinds = last_line(answer.output)

@@ -5,7 +5,6 @@
 
 import fnmatch
 import glob
-import inspect
 import json
 import os
 import re
@@ -14,7 +13,7 @@ import shutil
 import time
 import typing
 
-from .._base.commands import BASE_PATH, Answer, find_nobody, run, text
+from .._base.commands import BASE_PATH, Answer, find_nobody, read_source, run, text
 from .._base.deadlines import call_all
 from .._base.foreign import last_line
 from .._base.plain_text import plain
@@ -59,6 +58,8 @@ _PERSONAL = (
     ".config/environment.d/*.conf",
 )
 _READING = 20.0  # seconds for the files of all persons
+_MOST_SILENT = 20  # shells that are named
+FILES = "files"  # of a person, all of them
 _NO_LOGIN = ("nologin", "false", "sync", "")
 _ANY_OF_THEM = "|".join(VARIABLES)
 _SETENV = re.compile(rf"(?:.*[;&\s])?setenv\s+({_ANY_OF_THEM})\s+(\S+)")
@@ -70,17 +71,18 @@ _DEEPEST = 16  # sshd refuses files that include each other more deeply
 _OF_THE_SHELL = ("PWD", "OLDPWD", "SHLVL", "_", "HOME", "TERM")
 
 
-def exports(root: str = "/") -> Rows:
+def exports(root: str = "/") -> typing.Dict[str, Rows]:
     """Find older assignments of VARIABLES in the files that shells read, and ask the shells of persons for the results.
 
     A person's files are read as that person, with a limit of time: so a link to a file of root's gives nothing away. Many
-    persons are read at once, and a home folder on a dead network disk costs no other person's files.
+    persons are read at once, and a home folder on a dead network disk costs no other person's files. What gave no answer is
+    listed too: its variables are unknown.
     """
     under = os.path.join(root, "")
-    own = _list_personal(under)
+    own, silent = _list_personal(under)
     said = {(row["file"], row["line"], row["variable"]) for row in own}
     rows = [row for row in _list_system(under) if (row["file"], row["line"], row["variable"]) not in said] + own
-    return [dict({"person": "", "shell": ""}, **row) for row in rows]
+    return {"exports": [dict({"person": "", "shell": ""}, **row) for row in rows], "silent_shells": silent}
 
 
 def _list_system(under: str) -> Rows:
@@ -88,19 +90,33 @@ def _list_system(under: str) -> Rows:
     return [dict(entry, file=path) for path in paths for entry in assignments(text(under + path[1:]))]
 
 
-def _list_personal(under: str) -> Rows:
-    """List the lines that set variables in the files of persons, and in their shells, of which some are asked."""
+def _list_personal(under: str) -> typing.Tuple[Rows, Rows]:
+    """List the lines that set variables in the files of persons, and in their shells, of which some are asked; and what gave no answer."""
     persons = list_persons(text(under + "etc/passwd"))
     asked = [one for one in persons if under == "/" and person_shells.can_ask(one)][: person_shells.MOST_PERSONS]
     planned = (_login() or {}) if asked else {}
 
-    def look(person: Person) -> Rows:
-        files = _read_as((person.uid, person.gid), person.home, under)
-        parsed = [dict(entry, file=path) for path, content in files for entry in assignments(content)]
-        answers = person_shells.ask(person, VARIABLES) if person in asked else {}
-        return person_shells.list_rows(person, answers, parsed, planned, _is_ours)
+    def look(person: Person) -> typing.Tuple[Rows, Rows]:
+        return _look_at(person, under, person_shells.KINDS if person in asked else (), planned)
 
-    return [row for found in call_all(look, persons, _READING, lambda person: []) for row in found]
+    found = call_all(look, persons, _READING, lambda person: ([], _name_silent(person, [FILES])))
+    silent = [row for _rows, silent in found for row in silent]
+    return [row for rows, _silent in found for row in rows], silent[:_MOST_SILENT]
+
+
+def _look_at(
+    person: Person, under: str, kinds: typing.Iterable[str], planned: typing.Dict[str, str]
+) -> typing.Tuple[Rows, Rows]:
+    """List the lines in the files of a person and in shells of these kinds, and what of both gave no answer."""
+    files = _read_as((person.uid, person.gid), person.home, under)
+    parsed = [dict(entry, file=path) for path, content in files or () for entry in assignments(content)]
+    answers = person_shells.ask(person, VARIABLES) if kinds else {}
+    silent = [kind for kind in kinds if kind not in answers] + ([FILES] if files is None else [])
+    return person_shells.list_rows(person, answers, parsed, planned, _is_ours), _name_silent(person, silent)
+
+
+def _name_silent(person: Person, what: typing.Iterable[str]) -> Rows:
+    return [{"person": plain(person.name), "shell": one} for one in what]
 
 
 def _is_ours(path: str) -> bool:
@@ -124,18 +140,20 @@ def list_persons(passwd: str) -> typing.List[Person]:
     return list(persons.values())
 
 
-def _read_as(user: typing.Tuple[int, int], home: str, under: str) -> typing.List[typing.Tuple[str, str]]:
-    """Read the files of a home folder as its person: (path, text), with only the lines about VARIABLES."""
+def _read_as(
+    user: typing.Tuple[int, int], home: str, under: str
+) -> typing.Optional[typing.List[typing.Tuple[str, str]]]:
+    """Read the files of a home folder as its person: (path, text), with only the lines about VARIABLES. None without an answer."""
     patterns = [under + os.path.join(home, name)[1:] for name in _PERSONAL]
     question = json.dumps([patterns, VARIABLES]).encode()
-    program = ["/usr/bin/python3", "-I", "-c", inspect.getsource(home_files)]
+    program = ["/usr/bin/python3", "-I", "-c", read_source(home_files)]
     answer = run(program, given=question, user=user)
     try:  # the person could change the process, and its answer
         return [
             ("/" + plain(path[len(under) :]), "\n".join(map(str, lines))) for path, lines in last_line(answer.output)
         ]
     except (TypeError, ValueError, LookupError, RecursionError):
-        return []
+        return None
 
 
 def assignments(content: str) -> Rows:

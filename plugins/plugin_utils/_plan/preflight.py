@@ -28,6 +28,7 @@ OWN_UNITS = tuple(f"multimaster-{name}.service" for name in (*units.OTHERS, *uni
 NODES_PYTHON = (3, 8)
 # The prefix length of an address on a point-to-point link, and the beginnings of IPv6 addresses that are more than link-local.
 HOST_BITS, GLOBAL = 32, ("2", "3", "fc", "fd")
+MOST_UNREAD = 20  # parts of a machine
 # Services that may be left out: the function that is missing without them, and which of the two they need: CAP_NET_ADMIN, which systemd
 # lacks in some containers, and the system's Python.
 NEEDS = {
@@ -76,14 +77,14 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
     problems += interface_problems
     problems += _find_machine_problems(plan, info)
     missing = _explain_missing_services(plan, info)
-    warnings = [*_check_hostname(plan, info), *missing.values(), *feature_warnings]
+    warnings = [*_list_unread(plan, info), *_check_hostname(plan, info), *missing.values(), *feature_warnings]
     services = tuple(name for name in plan.services if name not in missing)
     filled = replace(_fill(plan, info, interfaces), services=services)
     limits, broken_ros = list(plan.limits), ""
     holders: list[Holder] = []
     if not plan.is_router:
         if plan.shells != "none":  # else shells are user-managed, whatever they have
-            warnings += [*_check_exports(plan, info), *_check_sshd(plan, info)]
+            warnings += [*_check_exports(plan, info), *_name_silent_shells(plan, info), *_check_sshd(plan, info)]
         ros, chosen = list(_check_ros(plan, info)), info["ros"].get("chosen")
         if chosen and chosen["missing"] and chosen["python_version"]:
             broken_ros = ros[0]  # an empty version means that the interpreter which was to import them gave no answer
@@ -387,6 +388,12 @@ def _find_machine_problems(plan: ComputerPlan, info: Mapping[str, Any]) -> Itera
             )
 
 
+def _list_unread(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for each part of the machine that could not be read: what depends on it was compared with nothing."""
+    for problem in list(info.get("problems") or ())[:MOST_UNREAD]:
+        yield f"{plan.computer}: {quote(problem, LINE)}; expected an answer, so what depends on it is unknown: run it again."
+
+
 def _explain_missing_services(plan: ComputerPlan, info: Mapping[str, Any]) -> dict[str, str]:
     """Return a sentence for each service that cannot run on this machine."""
     warnings: dict[str, str] = {}
@@ -530,6 +537,19 @@ def _check_exports(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]
                 f"{plan.computer}: {_describe_export(export)}; expected "
                 "that only the collection sets it: shells that read this file differ from the services; remove the line."
             )
+
+
+def _name_silent_shells(plan: ComputerPlan, info: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for each person of whom something gave no answer: a question without an answer is no "nothing is set"."""
+    silent: dict[str, list[str]] = {}
+    for one in info.get("silent_shells") or ():
+        silent.setdefault(one["person"], []).append(one["shell"])
+    for person, shells in silent.items():
+        what = " and ".join("the files" if shell == "files" else f"the {quote(shell)} shell" for shell in shells)
+        yield (
+            f"{plan.computer}: {what} of {quote(person)} gave no answer, so the variables of ROS that they may set are unknown; "
+            "expected an answer: run it again; if it stays so, open such a shell, and see whether its files wait, or end it."
+        )
 
 
 def _list_lines(plan: ComputerPlan, info: Mapping[str, Any]) -> Mapping[str, str]:

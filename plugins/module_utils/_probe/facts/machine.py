@@ -43,7 +43,8 @@ def masters(wanted: typing.List[typing.Dict[str, typing.Any]]) -> typing.List[ty
     return facts.masters(wanted)
 
 
-SYSTEM = ("hostname", "python", "kernel", "os", "systemd")  # the keys of the first part
+#: the keys of a part with several
+KEYS = {"system": ("hostname", "python", "kernel", "os", "systemd"), "exports": ("exports", "silent_shells")}
 PARTS = (
     FactPart("system", system.system, 10),
     FactPart("owned", record.records, 5),
@@ -71,7 +72,7 @@ def empty(name: str) -> typing.Dict[str, typing.Any]:
     from ..._contract.machine import MachineFacts  # few runs need it
 
     values = MachineFacts().plain()
-    return {key: values[key] for key in (SYSTEM if name == "system" else (name,))}
+    return {key: values[key] for key in KEYS.get(name, (name,))}
 
 
 def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.Any]:
@@ -85,7 +86,7 @@ def look(parameters: typing.Dict[str, typing.Any]) -> typing.Dict[str, typing.An
             continue
         try:
             value = deadlines.call_within(part.limit, part.look, *[parameters[option] for option in part.options])
-            found = value if part.name == "system" else {part.name: value}
+            found = value if part.name in KEYS else {part.name: value}
         except Exception as problem:  # whatever a strange machine makes of it: the other parts still count
             found = empty(part.name)
             result["problems"].append(

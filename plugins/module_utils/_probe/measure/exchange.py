@@ -4,13 +4,13 @@
 """The content of a robot's roscore: own registrations, those for other masters, and connections with other robots."""
 
 import collections
-import inspect
 import json
 import re
 import time
 import typing
 import xmlrpc.client
 
+from ..._base.commands import read_source
 from ..._base.deadlines import call_all
 from ..._base.foreign import last_line
 from ..._base.plain_text import plain
@@ -162,7 +162,7 @@ def _claims(ros: Ros, services: Names) -> typing.Dict[str, typing.Dict[str, str]
 def _md5sums(ros: Ros, types: typing.List[str]) -> typing.Tuple[typing.Dict[str, str], str, Outcome]:
     """Ask the Python of ROS for the md5 sums of message types; return {type: md5 sum}, an error or '', and the outcome."""
     try:
-        output, error = ros.run_python(inspect.getsource(message_types), TYPES, json.dumps(types))
+        output, error = ros.run_python(read_source(message_types), TYPES, json.dumps(types))
     except OSError as problem:
         return {}, plain(explain_error(problem)), classify_error(problem)[0]
     sums = last_line(output.encode())

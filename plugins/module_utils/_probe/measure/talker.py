@@ -8,12 +8,11 @@ not run, and it is there after a tenth of a second of a processor.
 """
 
 import base64
-import inspect
 import re
 import typing
 
 from ..._base import foreign
-from ..._base.commands import run
+from ..._base.commands import read_source, run
 from ..._base.plain_text import plain
 from ..._machine import systemd
 from ..ros_client import header, node
@@ -61,8 +60,8 @@ def read_program() -> str:
     """Return the text of the talker's program: node.py, with header.py in the place of its import."""
     return re.sub(
         r"^from \.header import .*$",
-        lambda _line: inspect.getsource(header),
-        inspect.getsource(node),
+        lambda _line: read_source(header),
+        read_source(node),
         flags=re.MULTILINE,
     )
 

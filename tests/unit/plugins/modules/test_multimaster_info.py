@@ -207,7 +207,7 @@ def test_a_link_in_a_home_folder_gives_nothing_away(tmp_path):
     (home / ".bashrc").symlink_to(tmp_path / "secret")
     os.mkfifo(home / ".profile")
     (home / ".zshrc").write_text("ROS_IP=\x1b[1mred\n" + "x" * 3_000_000 + "\nROS_IP=beyond\n")
-    (entry,) = shells.exports(str(tmp_path))
+    (entry,) = shells.exports(str(tmp_path))["exports"]
     assert (entry["file"], entry["text"]) == ("/home/robot/.zshrc", "ROS_IP=\\x1b[1mred")
 
 
@@ -224,7 +224,7 @@ def test_a_home_folder_on_a_dead_disk_costs_nobody_else(tmp_path, monkeypatch):
 
     monkeypatch.setattr(shells, "run", run)
     monkeypatch.setattr(shells, "_READING", 1.0)
-    found = [entry["file"] for entry in shells.exports(str(tmp_path))]
+    found = [entry["file"] for entry in shells.exports(str(tmp_path))["exports"]]
     ended.set()
     assert found == [f"/home/p{uid}/.bashrc" for uid in (1001, 1002, 1003)]
 
@@ -237,7 +237,7 @@ def test_an_answer_that_a_person_made_up_costs_nobody_else(tmp_path, monkeypatch
     (tmp_path / "etc/passwd").write_text("robot:x:1000:1000::/home/robot:/bin/bash\n")
     (tmp_path / "etc/environment").write_text("ROS_IP=2\n")
     monkeypatch.setattr(shells, "run", lambda _program, given, user: commands.Answer(0, said.encode(), ""))
-    assert [entry["file"] for entry in shells.exports(str(tmp_path))] == ["/etc/environment"]
+    assert [entry["file"] for entry in shells.exports(str(tmp_path))["exports"]] == ["/etc/environment"]
 
 
 def test_exports_of_a_machine(tmp_path):
@@ -261,7 +261,7 @@ def test_exports_of_a_machine(tmp_path):
     for name, content in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(content)
-    assert [(entry["file"], entry["line"], entry["value"]) for entry in shells.exports(str(tmp_path))] == [
+    assert [(entry["file"], entry["line"], entry["value"]) for entry in shells.exports(str(tmp_path))["exports"]] == [
         ("/etc/bash.bashrc", 1, "1"),
         ("/etc/profile.d/other.sh", 1, "3"),
         ("/etc/environment", 1, "2"),

@@ -3,8 +3,12 @@
 
 """Commands with a limit of time."""
 
+import importlib
+import linecache
 import subprocess
+import threading
 import time
+import zipfile
 from pathlib import Path
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
@@ -60,3 +64,32 @@ def test_a_command_without_room_for_what_it_says_is_a_sentence(monkeypatch):
 def test_a_command_that_is_not_there_is_a_sentence():
     answer = commands.run(["no-such-command"])
     assert answer.status == -1 and mentions(answer.error, "no-such-command", "No such file")
+
+
+def test_threads_read_the_source_of_a_module_in_an_archive(tmp_path, monkeypatch):
+    """As on a robot: with `inspect`, a thread at times found no source, and what it was to ask was unknown."""
+    text = "X = 1\n" * 400
+    with zipfile.ZipFile(tmp_path / "modules.zip", "w") as archive:
+        archive.writestr("packed_module.py", text)
+    monkeypatch.syspath_prepend(str(tmp_path / "modules.zip"))
+    module = importlib.import_module("packed_module")
+    found, together = [], threading.Barrier(4)
+
+    def read():
+        together.wait()
+        found.append(commands.read_source(module))
+
+    for _round in range(300):
+        linecache.clearcache()
+        threads = [threading.Thread(target=read) for _number in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert found == [text] * 1200
+
+
+def test_no_module_asks_inspect_for_a_source():
+    """Its cache is not safe among threads."""
+    root = Path(commands.__file__).resolve().parents[1]
+    assert [path for path in root.rglob("*.py") if "getsource" in path.read_text(encoding="utf-8")] == []

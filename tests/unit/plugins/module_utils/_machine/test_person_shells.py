@@ -198,3 +198,27 @@ def test_an_answer_that_a_person_made_up_is_none(person, said, monkeypatch):
     answer = type("Answer", (), {"output": said})
     monkeypatch.setattr(person_shells, "run", lambda *_words: answer)
     assert person_shells.ask(person, NAMES) == {}
+
+
+def passwd(tmp_path, monkeypatch, person):
+    """Let the person be the only one of this machine."""
+    line = f"{person.name}:x:{person.uid}:{person.gid}::{person.home}:{person.shell}\n"
+    monkeypatch.setattr(shells, "text", lambda path, *_most: line if path == "/etc/passwd" else "")
+
+
+def test_a_shell_without_an_answer_is_named(person, tmp_path, monkeypatch):
+    passwd(tmp_path, monkeypatch, person)
+    write(person, ".bashrc", ". ~/robot_env.sh")
+    write(person, "robot_env.sh", "export ROS_IP=10.0.0.1")
+    told = shells.exports()
+    assert ("ROS_IP", "interactive") in [(row["variable"], row["shell"]) for row in told["exports"]]
+    assert told["silent_shells"] == []
+    write(person, ".bashrc", ". ~/robot_env.sh", "exit")
+    told = shells.exports()
+    assert told["silent_shells"] == [{"person": "robot", "shell": "interactive"}]
+
+
+def test_files_without_an_answer_are_named(person, tmp_path, monkeypatch):
+    passwd(tmp_path, monkeypatch, person)
+    monkeypatch.setattr(shells, "_READING", 0.01)  # a home folder on a dead network disk
+    assert shells.exports()["silent_shells"] == [{"person": "robot", "shell": "files"}]

@@ -699,3 +699,19 @@ def test_services_that_cannot_run_here_are_left_out_and_named():
     found_too = compare(lambda info: info.update(python="3.6.9"), services=[*services, "metrics"])
     assert found_too.plan.services == found.plan.services and "node_exporter has no metrics" in found_too.warnings[2]
     assert [warning.partition(";")[0] for warning in found.warnings] == ["kobuki1computer: its Python is 3.6.9"] * 2
+
+
+def test_a_question_without_an_answer_is_told():
+    def change(info):
+        info["problems"] = ['The part exports of the machine could not be read: "no source".']
+        info["silent_shells"] = [
+            {"person": "robot", "shell": "interactive"},
+            {"person": "robot", "shell": "login"},
+            {"person": "guest", "shell": "files"},
+        ]
+
+    unread, of_robot, of_guest = compare(change).state.warned
+    assert mentions(unread, "kobuki1computer", "exports", "no source", "unknown", "run it again")
+    assert mentions(of_robot, '"interactive" shell and the "login" shell of "robot" gave no answer', "unknown")
+    assert mentions(of_guest, 'the files of "guest" gave no answer')
+    assert compare(change, shells="none").state.warned == (unread,)

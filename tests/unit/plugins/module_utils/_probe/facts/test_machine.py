@@ -21,7 +21,7 @@ def test_a_strange_part_is_a_sentence(monkeypatch):
     monkeypatch.setattr(machine, "PARTS", parts)
     found = machine.look({"parts": ["interfaces", "exports", "sshd"], "seconds": 3})
     first, second = found.pop("problems")
-    assert found == {"interfaces": [], "exports": [], "sshd": {}}
+    assert found == {"interfaces": [], "exports": [], "silent_shells": [], "sshd": {}}
     assert mentions(first, "interfaces", "no such thing") and mentions(second, "exports", "0.05 s")
 
 
