@@ -23,7 +23,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs/images"
 # The finding of a run of the demonstration: ip_default_ttl was 1 on tibi-nav. docs/understand/diagnosis.md has the text of the same run.
 FOLLOWED = json.loads(pathlib.Path(__file__).with_name("followed.json").read_text(encoding="utf-8"))
-RESULT = "FAILED: 59 of 1870 checks failed (3 with a warning)."
+RESULT = "FAILED: 59 of 1870 checks failed; the list has 2 findings, 1 warning."
 SINCE = {"since": "2026-11-21 14:02:00", "differences": ["tibi-nav is new", "topics of dabo: /scan is gone"]}
 
 

@@ -11,10 +11,14 @@ from .fault import ALWAYS, READ, ROBOTS, Advice, Advices, Fault, Key, change, ha
 from .filters import MAKERS, RULES
 
 START_AGAIN = hand(
-    "in the shell, launch file, unit or container on {place} that has started it: unset ROS_IP ROS_HOSTNAME; "
-    ". /etc/profile.d/rosfleet-multimaster.sh; then start it again"
+    "end the node; then in the shell, launch file, unit or container on {place} that has started it: unset ROS_IP ROS_HOSTNAME; "
+    ". /etc/profile.d/rosfleet-multimaster.sh; start it again"
 )
-NODE_HOSTS = on("env | grep ^ROS; rosnode list | xargs -n 1 rosnode info 2>/dev/null | grep -E '^Node|URI'")
+NAMESPACE = hand(
+    "end one of the two nodes, and start it again in a namespace of its robot: __ns:=/ROBOT behind its command, ns=ROBOT of its <node> or <group> in the "
+    "launch file, or export ROS_NAMESPACE=/ROBOT in its shell; a topic whose name begins with / in its code stays, so remap that one"
+)
+NODE_HOSTS = on("env | grep ^ROS; rosnode list | xargs -n 1 rosnode info 2>/dev/null | grep -E '^Node|contacting'")
 MASTERS = "the masters of {place}"
 HUNG_DO = on("kill -CONT <pid>", "lets a stopped process go on: its state in the look has a T; end one that hangs")
 HUNG_LOOK = on("ps -eo pid,stat,args | grep -vE ' (S|I)[<sl+]* '")
@@ -91,7 +95,7 @@ NODES: Mapping[Key, Fault] = {
         "on {place} {what}, and is in a network of its own, as a container is without --network host: no connection to {place} reaches it",
         "a node announces its computer",
         hand(
-            "start it in the network of {place}: a container with --network host (compose: network_mode: host), a unit without "
+            "end it, and start it again in the network of {place}: a container with --network host (compose: network_mode: host), a unit without "
             "PrivateNetwork"
         ),
         look=(on("ss -ltnp; lsns -t net", "the first lists no port of the node"),),
@@ -123,9 +127,12 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ),
     ("registration", "twin"): Fault(
         "RF-522",
-        "one name, two nodes on {place}: {what}; a roscore holds one of them",
+        "one name is used twice on {place}: {what}; a roscore holds only one of a name, so that of the other robot does not cross, and its topics do not",
         do=(
-            hand("give one of them another name: __name:=... or a namespace of its robot, in its launch file"),
+            NAMESPACE,
+            hand(
+                "or start it with another name: __name:=... (of topics that both publish, RF-531, a namespace alone makes two)"
+            ),
             change("or leave it out by multimaster_exports or multimaster_filters"),
             site_of_all(),
         ),
@@ -187,7 +194,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
     ("registration", "link"): Fault(
         "RF-528",
         "nodes on {place} are connected though nothing is exchanged between them: {what}",
-        do=(hand("start these nodes again"),),
+        do=(hand("end these nodes, and start them again"),),
         look=(Advice(MASTERS, "rosnode info {nodes}"),),
         what="see rosnode info",
         why="the kernel's connections were compared with the plan",
@@ -197,7 +204,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         "RF-531",
         "nodes of {place} publish the same topics, and a subscriber of the one hears the other, too: {what}",
         do=(
-            hand("give one of the two nodes a namespace of its robot: <group ns=...> in its launch file, or __ns:=..."),
+            NAMESPACE,
             change(
                 "or leave the topic out by multimaster_exports or multimaster_filters; if it is meant, write its whole name into those "
                 "of both"
@@ -247,7 +254,7 @@ REGISTRATIONS: Mapping[Key, Fault] = {
         "the nodes of {place} wait for a simulated time that does not come: /use_sim_time is true, and nobody publishes /clock",
         do=(
             hand("start the simulation, or rosbag play --clock"),
-            on("rosparam set /use_sim_time false", "without a simulation; then start the nodes again"),
+            on("rosparam set /use_sim_time false", "without a simulation; then end the nodes, and start them again"),
         ),
         look=(on("rosparam get /use_sim_time; rostopic info /clock"),),
         read=ALWAYS,

@@ -58,9 +58,9 @@ def _unset(one: Misplaced) -> str:
 def _describe_shell(one: Misplaced, computer: Participant) -> Advices:
     where = f" ({one.process.unit})" if one.process.unit else ""
     if one.source in ARGUMENTS:
-        words = f"take {one.source}:=... out of the command line that starts {one.node} on {computer.name}{where}, and start it again"
+        words = f"end {one.node}, take {one.source}:=... out of the command line that starts it on {computer.name}{where}, and start it again"
         return (Advice(HANDS, words),)
-    effect = f"in the shell that has started {one.node}{where}; then start it again there"
+    effect = f"end {one.node}; then in the shell that has started it{where}; start it there again"
     return (Advice(computer.name, _unset(one), effect), *_find_line(one, computer))
 
 
@@ -114,13 +114,13 @@ def _name_wrong(one: Misplaced) -> str:
 def _describe_launch(one: Misplaced, computer: Participant) -> Advices:
     file = one.process.launch or "the launch file"
     if one.source in ARGUMENTS:
-        words = (
-            f'take {_name_wrong(one)} out of {file} on {computer.name} (<node args="...">), and start roslaunch again'
-        )
+        words = f'take {_name_wrong(one)} out of {file} on {computer.name} (<node args="...">), end roslaunch, and start it again'
         return (Advice(HANDS, words),)
     return (
         Advice(HANDS, f"take {_name_wrong(one)} out of {file} on {computer.name} (<env name=...>)"),
-        Advice(computer.name, _unset(one), "in the shell or unit that starts roslaunch; then start it again"),
+        Advice(
+            computer.name, _unset(one), "end roslaunch; then in the shell or unit that starts roslaunch; start it again"
+        ),
         *_find_line(one, computer),
     )
 
@@ -130,7 +130,7 @@ def _describe_container(one: Misplaced, computer: Participant) -> Advices:
         f"--env {name}={value}" for name, value in _list_variables(computer) if advice.format_value("what", value)
     )
     where = f" ({one.process.unit})" if one.process.unit else ""
-    words = f"start the container on {computer.name}{where} with the network of the computer and its names: --network host {given}"
+    words = f"end the container on {computer.name}{where}, and start it again with the network of the computer and its names: --network host {given}"
     left_out = f", and take {_name_wrong(one)} out of its command line" if one.source in ARGUMENTS else ""
     return (Advice(HANDS, words + left_out),)
 

@@ -18,7 +18,7 @@ from ..diagnose.diagnosis import Diagnosis, explain_rows
 from . import content, nodes
 from .matrices import MOST, Matrices
 from .run import Run
-from .summary import Summary, is_small, summarise
+from .summary import Summary, is_small, summarise, write_result
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class FleetJudgement:
         """Return the judgement as plain data."""
         summary = self.summary
         return {
-            "result": summary.verdict_line,
+            "result": write_result(summary, self.diagnosis),
             "judged_in": round(self.seconds, 2),
             "computers": list(summary.computers),
             "pairs": dict(zip(("tried", "of"), summary.pairs, strict=True)),

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ..checks.engine import FAILED, OK, UNKNOWN, WARNING, Passed, Row
+from ..diagnose.diagnosis import Diagnosis
 
 MATRIX = 16  # computers: a larger matrix is no longer read on a terminal
 
@@ -34,14 +35,20 @@ class Summary:
         """The number of all rows."""
         return sum(counts.total() for counts in self.counts.values())
 
-    @property
-    def verdict_line(self) -> str:
-        """The result in one sentence."""
-        numbers = ((self.count(WARNING), "with a warning"), (self.count(UNKNOWN), "not judged"))
-        others = ", ".join(f"{number} {words}" for number, words in numbers if number)
-        failed = self.count(FAILED)
-        begin = f"FAILED: {failed}" if failed else "PASSED: none"
-        return f"{begin} of {self.total} checks failed{f' ({others})' if others else ''}."
+
+def write_result(summary: Summary, diagnosis: Diagnosis) -> str:
+    """Write the result in one sentence: the failed checks, and what the list under each heading of the report has."""
+    found = Counter(entry.verdict for entry in diagnosis.findings)
+    listed = (
+        (found[FAILED], "finding", "findings"),
+        (found[WARNING], "warning", "warnings"),
+        (found[UNKNOWN], "not judged", "not judged"),
+        (len({row.check for row in diagnosis.unexplained}), "not explained", "not explained"),
+    )
+    words = ", ".join(f"{number} {one if number == 1 else more}" for number, one, more in listed if number)
+    failed = summary.count(FAILED)
+    begin = f"FAILED: {failed}" if failed else "PASSED: none"
+    return f"{begin} of {summary.total} checks failed{f'; the list has {words}' if words else ''}."
 
 
 def is_small(computers: Sequence[str]) -> bool:

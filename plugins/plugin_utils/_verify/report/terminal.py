@@ -19,7 +19,7 @@ from ..checks.table import CHECKS, TITLES
 from ..diagnose.diagnosis import Diagnosis, Finding
 from .nodes import HEADINGS as NODE_HEADINGS
 from .nodes import ROWS, describe_nodes, list_cells
-from .summary import Summary, is_small
+from .summary import Summary, is_small, write_result
 from .traffic import HEADINGS, describe_measurement, list_dearest
 
 WIDTH = 120
@@ -59,7 +59,7 @@ def render(
     components += _format_nodes(nodes, width) if nodes else []
     components += _format_traffic(traffic, width) if traffic else []
     components += _format_remarks(remarks, width)
-    components.append(summary.verdict_line)
+    components.append(_wrap("", write_result(summary, diagnosis), width))
     return "\n\n".join(components)
 
 

@@ -31,7 +31,15 @@ def _remedy(**process):
 @pytest.mark.parametrize(
     ("process", "words"),
     [
-        ({"starter": "shell"}, ["in the shell that", "(session-4.scope)", "unset ROS_IP; . /etc/profile.d/"]),
+        (
+            {"starter": "shell"},
+            [
+                "end /kobuki2/base; then in the shell that",
+                "(session-4.scope)",
+                "start it there again",
+                "unset ROS_IP; . /etc/profile.d/",
+            ],
+        ),
         (
             {"starter": "unit", "unit": "odom.service", "of_unit": True},
             [f"on {TWO}: mkdir", "UnsetEnvironment=ROS_IP", "systemctl restart odom.service"],
@@ -54,14 +62,20 @@ def _remedy(**process):
             {"starter": "unit", "unit": "odom.service", "person": "ann", "source": "hostname", "of_unit": True},
             ["/etc/systemd/user/odom.service.d/rosfleet.conf; ", f"{USER} daemon-reload; {USER} restart odom.service"],
         ),
-        ({"starter": "launch", "launch": "robot.launch"}, ["take ROS_IP out of robot.launch", "starts roslaunch"]),
-        ({"starter": "container", "unit": "docker-77.scope"}, ["--network host", f"--env ROS_HOSTNAME={TWO}"]),
+        (
+            {"starter": "launch", "launch": "robot.launch"},
+            ["take ROS_IP out of robot.launch", "end roslaunch; then in the shell or unit that starts roslaunch"],
+        ),
+        (
+            {"starter": "container", "unit": "docker-77.scope"},
+            ["end the container", "--network host", f"--env ROS_HOSTNAME={TWO}"],
+        ),
         ({"starter": "shell", "source": "hostname"}, ["unset ROS_HOSTNAME ROS_IP; "]),
         (
             {"starter": "launch", "readable": False, "host": "", "source": "", "ports": ()},
             ["take ROS_HOSTNAME and ROS_IP out of the launch file", "which variable is wrong is unknown"],
         ),
-        ({}, ["in the shell, launch file, unit or container on"]),
+        ({}, ["end the node; then in the shell, launch file, unit or container on", "start it again"]),
     ],
 )
 def test_the_remedy_is_for_what_has_started_the_node(process, words):
@@ -73,7 +87,10 @@ def test_the_remedy_is_for_what_has_started_the_node(process, words):
 @pytest.mark.parametrize(
     ("process", "word"),
     [
-        ({"starter": "shell"}, "command line that starts {node} on {place} (session-4.scope), and start it again"),
+        (
+            {"starter": "shell"},
+            "end {node}, take {argument}:=... out of the command line that starts it on {place} (session-4.scope), and start it again",
+        ),
         (
             {"starter": "unit", "unit": "odom.service"},
             "out of the script or command that odom.service starts on {place}",
@@ -107,7 +124,7 @@ def test_an_argument_is_taken_out_of_the_command_line_that_has_it(argument, proc
     assert f"by {argument}" in finding.sentence() and "ROS_MASTER_URI" not in finding.sentence()
     remedy = write_advices(finding.do)
     node = "base" if argument == "__master" else "/kobuki2/base"
-    assert f"take {argument}:=..." in remedy and word.format(node=node, place=TWO) in remedy
+    assert f"take {argument}:=..." in remedy and word.format(node=node, place=TWO, argument=argument) in remedy
     assert "unset" not in remedy and ".bashrc" not in remedy
 
 

@@ -64,7 +64,7 @@ def test_the_data_has_every_row_and_finding():
     diagnosis = Diagnosis((finding,), unexplained=(rows[3],))
     data = json.loads(json.dumps(FleetJudgement(summarise(rows, [one, two], 2), diagnosis, rows, None, 0.0).as_data()))
     assert (data["verdict"], data["computers"], len(data["rows"])) == (FAILED, [one, two], 4)
-    assert data["result"] == "FAILED: 3 of 4 checks failed."
+    assert data["result"] == "FAILED: 3 of 4 checks failed; the list has 1 finding, 1 not explained."
     (entry,) = data["findings"]
     assert (entry["kind"], entry["place"], entry["mode"], entry["what"]) == ("names", one, "loopback", two)
     assert entry["seen"] == [rows[0]._asdict()] and entry["follows"] == [rows[1]._asdict()]
