@@ -31,6 +31,7 @@ CONTROLLER_ONLY = (
     "fleet_predict",
     "fleet_report",
     "fleet_summary",
+    "fleet_verdict",
     "fleet_watch",
     "import_role",
     "include_role",

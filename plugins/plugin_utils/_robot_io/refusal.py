@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ansible import constants
+from ansible.errors import AnsibleActionFail
 from ansible.plugins.action import ActionBase
 from ansible.release import __version__
 from ansible.utils.display import Display
@@ -25,6 +26,15 @@ PRINTS_LINES = (
 
 class Refusal(Exception):
     """A task refuses. The text is its message."""
+
+
+class PlainFailure(AnsibleActionFail):  # type: ignore[misc]  # ansible-core has no types
+    """A task fails as it is meant to: Ansible prints its message, and no place in a file of ours, as of a mistake there."""
+
+    @property
+    def omit_exception_key(self) -> bool:
+        """Whether ansible-core 2.19 and later leave out the error with its origin."""
+        return True
 
 
 class FleetAction(ActionBase):  # type: ignore[misc]  # ansible-core has no types
@@ -51,6 +61,13 @@ def refuse(problems: Sequence[str]) -> dict[str, Any]:
     if len(problems) > 1 and _read_version(__version__) < PRINTS_LINES:
         Display().display(message, color=constants.COLOR_ERROR, stderr=True)
     return {"failed": True, "problems": list(problems), "msg": message}
+
+
+def fail_plainly(message: str) -> dict[str, Any]:
+    """Return the result of a task that fails as it is meant to; with ansible-core 2.19 and later, raise PlainFailure for it."""
+    if _read_version(__version__) >= PRINTS_LINES:
+        raise PlainFailure(message)
+    return {"failed": True, "msg": message}
 
 
 def _read_version(text: str) -> tuple[int, ...]:
