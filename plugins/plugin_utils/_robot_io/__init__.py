@@ -6,6 +6,7 @@ __all__ = (
     "concerns",
     "confirmation",
     "refusal",
+    "removal",
     "robot_action",
     "summary",
     "trees",

@@ -23,6 +23,7 @@ CONCERNS = {
     "managed_services": "services",
 }
 
+MOST_WARNINGS, LONGEST_WARNING = 10, 200  # that are repeated, and characters of one
 #: the line of a computer that fell out of the run before its change
 REFUSED = "FAILED before it was brought to its plan, for the reason above; the others went on"
 
@@ -49,6 +50,36 @@ def summarize(results: Mapping[str, Sequence[Result]], check: bool, lost: Collec
     failed = len(refused) + sum(any(map(is_failure, tasks)) for tasks in results.values())
     more = f", and {failed} failed" if failed else ""
     return [f"SUMMARY: {count} of {len(results)} computers {action}{more}.", *notes]
+
+
+def list_warnings(result: Result) -> list[str]:
+    """List the warnings of a task. Since ansible-core 2.19, those of a registered result may be objects with an event."""
+    given = result.get("warnings")
+    texts = (
+        one if isinstance(one, str) else str(getattr(getattr(one, "event", None), "msg", one))
+        for one in (given if isinstance(given, Sequence) and not isinstance(given, str) else ())
+    )
+    return [text for text in texts if text]
+
+
+def repeat_warnings(results: Mapping[str, Sequence[Result]]) -> list[str]:
+    """Return the warnings of a run once more, short: pages of differences stand between them and the summary."""
+    texts = dict.fromkeys(text for tasks in results.values() for one in tasks for text in list_warnings(one))
+    if not texts:
+        return []
+    shown = [f"  - {_cut(text)}" for text in list(texts)[:MOST_WARNINGS]]
+    more = len(texts) - MOST_WARNINGS
+    return [
+        "Warnings of this run (whole above, each with what to do):",
+        *shown,
+        *([f"  and {more} more"] if more > 0 else []),
+    ]
+
+
+def _cut(text: str) -> str:
+    """Return what was found, without the expected value and the remedy behind it."""
+    found = text.partition("; expected")[0]
+    return found if len(found) <= LONGEST_WARNING else f"{found[: LONGEST_WARNING - 3].rstrip()}..."
 
 
 def describe(results: Sequence[Result]) -> str:
@@ -79,6 +110,12 @@ def _describe_restarts(results: Sequence[Result], check: bool) -> Iterator[str]:
     action = "would restart" if check else "restarted"
     for reason, names in reasons.items():
         yield f"{action} {', '.join(names)}, since {reason}"
+
+
+def list_removed(results: Sequence[Result]) -> set[str]:
+    """List the services of ours that a run has taken back."""
+    names = (run.get("removed") for run in _list_runs(results, "managed_services"))
+    return {str(name) for some in names if isinstance(some, (list, tuple)) for name in some}
 
 
 def _find_reason(service: str, written: Collection[str]) -> str:

@@ -93,6 +93,28 @@ def test_site_leaves_the_odd_one_as_it_is(tmp_path, odd):
 
 
 @pytest.mark.slow
+def test_site_repeats_its_warnings_at_the_end(tmp_path):
+    def change(answers):
+        row = {
+            "file": "/home/ann/.bashrc",
+            "line": 115,
+            "variable": "ROS_IP",
+            "value": "10.0.0.1",
+            "text": "ROS_IP=10.0.0.1",
+        }
+        answers["multimaster_info"].update(
+            exports=[{**row, "person": "", "shell": ""}], problems=["The part sshd is unread."]
+        )
+
+    run = played(tmp_path, "site.yml", change)
+    end = run.text.split("SUMMARY: ")[1]
+    assert run.status == 0 and mentions(
+        end, "Warnings", f"{ODD}: /home/ann/.bashrc, line 115 sets ROS_IP", "sshd is unread"
+    ), run.output
+    assert HONEST not in end.split("PLAY RECAP")[0]
+
+
+@pytest.mark.slow
 def test_site_goes_on_where_one_can_have_no_packet_filter(tmp_path):
     def change(answers):
         answers['multimaster_computer: "_ansible_check_mode": true'] = {
@@ -122,6 +144,8 @@ def test_verify_judges_the_others(tmp_path, odd):
     assert run.status == 2 and run.has_run(HONEST, "multimaster_verify", '"action": "collect"'), run.output
     assert not run.has_run(ODD, "multimaster_verify", '"action": "collect"')
     assert run.systemctl == 2 * ["stop multimaster-verify-talker.service"]
+    last = run.output.split("PLAY RECAP")[0].rstrip().splitlines()[-1]
+    assert last.startswith("fatal: [") and '"msg": "FAILED: ' in last and "evaluated_to" not in last, last
     found = json.loads(report.read_text())
     findings = json.dumps(found["findings"])
     assert found["verdict"] == "failed" and ODD in findings
@@ -159,3 +183,5 @@ def test_teardown_keeps_the_way_to_one_open_and_takes_the_other_robots_back(tmp_
     assert closed == {"tibi-nav", "dabo-nav", "dabo-visio"}
     for host in ("tibi-visio", "router"):
         assert mentions(run.text, host, "tibi-nav")
+    assert "TEARDOWN: 2 of 5 computers are as before. dabo-nav, dabo-visio: as before." in run.text, run.output
+    assert run.text.count(": FAILED, for the reason above; left: ") == 3

@@ -44,3 +44,10 @@ def test_a_gateway_is_brought_to_each_concern_once():
 def test_a_packet_filter_is_tried_before_anything_changes():
     tasks = [task for task in read("roles/computer/tasks/main.yml") if COMPUTER in task]
     assert tasks[0]["check_mode"] is True and "firewall" in tasks[0][COMPUTER]
+
+
+def test_the_warnings_of_each_task_are_repeated_at_the_end():
+    summary = read("playbooks/site.yml")[-1]["post_tasks"][-1]["rosfleet.multimaster.fleet_summary"]
+    compared = read("roles/preflight/tasks/compare.yml")[0]["register"]
+    predicted = read("playbooks/site.yml")[1]["post_tasks"][0]["register"]
+    assert {compared, predicted, *(task["register"] for task in BROUGHT)} <= set(summary["warnings"])

@@ -52,3 +52,13 @@ def test_services_end_before_their_files_go():
 def test_what_is_asked_about_was_looked_at():
     (look,) = [task[INFO] for task in TASKS if INFO in task]
     assert {"owned", "sshd"} <= set(look["parts"])
+
+
+def test_the_last_words_come_after_a_look_at_what_is_left():
+    *_, look, say = CLOSE["tasks"]
+    assert "owned" in look[INFO]["parts"]
+    summary = say["rosfleet.multimaster.fleet_summary"]
+    assert summary["after"] == look["register"]
+    registered = [task["register"] for task in TASKS if COMPUTER in task]
+    assert summary["results"] == registered and set(registered) <= set(summary["warnings"])
+    assert [task["register"] for task in TAKE["tasks"] if INFO in task] == [summary["before"]]

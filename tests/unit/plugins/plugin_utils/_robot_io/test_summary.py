@@ -111,3 +111,24 @@ def test_who_fell_out_before_is_named_once_and_counts_as_failed():
     first, *lines = summary.summarize(results, False, {"a", "b"})
     assert first == "SUMMARY: 2 of 3 computers changed, and 2 failed."
     assert lines == [f"  a: {summary.REFUSED}", "  b: routes, FAILED", "  c: routes"]
+
+
+def test_warnings_are_repeated_short_and_once():
+    line = (
+        "kobuki: ~/.bashrc, line 115 sets ROS_MASTER_URI; expected that only the collection sets it: remove the line."
+    )
+    event = type("Event", (), {"msg": "dabo warns: x"})()
+    of_ansible = type("WarningSummary", (), {"event": event})()  # as ansible-core 2.19 registers it
+    results = {"kobuki": [{"warnings": [line]}, {}], "dabo": [{"warnings": [of_ansible, line, "y" * 500]}]}
+    assert summary.repeat_warnings(results) == [
+        "Warnings of this run (whole above, each with what to do):",
+        "  - kobuki: ~/.bashrc, line 115 sets ROS_MASTER_URI",
+        "  - dabo warns: x",
+        f"  - {'y' * 197}...",
+    ]
+    assert summary.repeat_warnings({"kobuki": [{}, {"warnings": []}]}) == []
+
+
+def test_of_many_warnings_ten_are_repeated():
+    lines = summary.repeat_warnings({"kobuki": [{"warnings": [f"warning {number}" for number in range(25)]}]})
+    assert len(lines) == 12 and lines[-1] == "  and 15 more"
