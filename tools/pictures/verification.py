@@ -28,9 +28,7 @@ class Step(NamedTuple):
 
 def list_steps(defaults: dict[str, Any]) -> Iterator[Step]:
     """Yield the steps in their order."""
-    yield Step(
-        ("Make the plan", "Agree on a label for this run"), False, ("plan", "from the inventory,", "with a label")
-    )
+    yield Step(("Make the plan", "Choose a label for this run"), False, ("plan", "from the inventory,", "with a label"))
     yield Step(
         (
             "Look at the machine, listen on the multicast group, and publish a topic",
