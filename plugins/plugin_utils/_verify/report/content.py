@@ -93,25 +93,40 @@ def list_robots(fleet: FleetPlan, observations: Mapping[str, Observation]) -> li
                 "computers": [name for name, plan in fleet.computers.items() if plan.robot == robot],
                 "declares": master.declared,
                 "gives": [
-                    {
-                        "to": list(flow.to),
-                        "topics": list(flow.topics),
-                        "services": list(flow.services),
-                        **({"parameters": list(flow.parameters)} if flow.parameters else {}),
-                    }
-                    for flow in fleet.flows
-                    if robot in flow.givers
-                ]
-                + [
-                    {"to": [entry["peer"]], **names, "changed": _describe_changes(entry)}
-                    for entry in channels
-                    if any((names := _name_crossing(entry, given=True)).values())
+                    *_list_flows(fleet, robot, channels),
+                    *(
+                        {"to": [entry["peer"]], **names, "changed": _describe_changes(entry)}
+                        for entry in channels
+                        if any((names := _name_crossing(entry, given=True)).values())
+                    ),
                 ],
                 "read": exchange is not None,
                 **_list_registrations(exchange, by_uri, channels),
             }
         )
     return robots
+
+
+def _list_flows(fleet: FleetPlan, robot: str, channels: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """List what a robot declares for others, without what its relay gives to all of them by another name: that has a row of its own."""
+    renamed: dict[str, set[str]] = defaultdict(set)
+    for channel in channels:
+        renamed[channel["peer"]].update(_name_own(channel))
+    rows = []
+    for flow in (flow for flow in fleet.flows if robot in flow.givers):
+        by_relay = set[str].intersection(*(renamed[peer] for peer in flow.to)) if flow.to else set()
+        topics = [name for name in flow.topics if name not in by_relay]
+        services = [name for name in flow.services if name not in by_relay]
+        if topics or services or flow.parameters:
+            row = {"to": list(flow.to), "topics": topics, "services": services}
+            rows.append({**row, "parameters": list(flow.parameters)} if flow.parameters else row)
+    return rows
+
+
+def _name_own(channel: Mapping[str, Any]) -> set[str]:
+    """Name what a relay gives as its own robot has it."""
+    names = (name for kind in ("topics", "services") for name in list_names(channel, kind, given=True))
+    return {name if channel["inner"] else find_outer_name(channel, name) for name in names}
 
 
 def _name_crossing(channel: Mapping[str, Any], *, given: bool) -> dict[str, list[str]]:
