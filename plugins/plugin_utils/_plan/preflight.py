@@ -86,8 +86,8 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
         if plan.shells != "none":  # else shells are user-managed, whatever they have
             warnings += [*_check_exports(plan, info), *_name_silent_shells(plan, info), *_check_sshd(plan, info)]
         ros, chosen = list(_check_ros(plan, info)), info["ros"].get("chosen")
-        if chosen and chosen["missing"] and chosen["python_version"]:
-            broken_ros = ros[0]  # an empty version means that the interpreter which was to import them gave no answer
+        if _lacks_modules(chosen) or (plan.is_master and _has_lost_ros(info)):
+            broken_ros = ros[0]
         if not ros:
             warnings += set_up.list_warnings(plan.computer, chosen, plan.shells)
             nodes = providers.find_nodes(plan, chosen, info)
@@ -113,6 +113,19 @@ def compare(plan: ComputerPlan, info: Mapping[str, Any], networks: Sequence[Robo
     problems += [_refuse_port(plan, holder) for holder in holders]
     problems += overlaps.describe_overlaps(plan, overlapping)
     return Comparison(tuple(problems), tuple(warnings), filled, state)
+
+
+def _lacks_modules(chosen: Mapping[str, Any] | None) -> bool:
+    """Return True if modules of a ROS are missing. An empty version means that the interpreter which was to import them gave no answer."""
+    return bool(chosen and chosen["missing"] and chosen["python_version"])
+
+
+def _has_lost_ros(info: Mapping[str, Any]) -> bool:
+    """Return True if no ROS 1 is left where site.yml has run, since it refuses a master without one."""
+    ros = info["ros"]
+    return (
+        bool(info.get("owned")) and not ros.get("chosen") and all(one["version"] == "2" for one in ros.get("found", ()))
+    )
 
 
 def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:

@@ -120,6 +120,7 @@ _CAUSES: Mapping[tuple[str, str], tuple[tuple[str, str], ...]] = {
     ("computer", "unmeasured"): (("link", "down"), ("interface", "address"), PORTS),
     ("set_up", "by_hand"): (("set_up", "others"),),
     ("set_up", "refused"): (("ros", "broken"),),
+    LOOPING: (("ros", "broken"),),
     ("neighbour", "mute"): (("neighbour", "filter"),),
     ("roscore", "dead"): (("interface", "duplicate"),),  # the other computer refuses
     ("discovery", "dead"): (("roscore", "dead"), SEALED, LOOPING),

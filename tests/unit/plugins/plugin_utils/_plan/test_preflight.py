@@ -262,7 +262,13 @@ def test_modules_that_are_gone_are_told_of_every_computer(is_master):
         info["ros"]["chosen"].update(kind="prefix", missing=["rospy"], environment={}, python_version="")
 
     assert not compare(refuse, **more).state.broken_ros
-    assert not compare(lambda info: info["ros"].update(chosen=None), **more).state.broken_ros
+
+    def lose(info, found=()):
+        info["ros"].update(chosen=None, problem="There is no ROS 1", found=list(found))
+
+    assert bool(compare(lose, **more).state.broken_ros) == is_master  # a second computer needs none
+    assert not compare(lambda info: (lose(info), info.update(owned=[])), **more).state.broken_ros
+    assert not compare(lambda info: lose(info, [{"version": "1"}, {"version": "1"}]), **more).state.broken_ros
 
     def fail(info):  # the program that imports them could not run at all, as where systemd starts no unit
         sentence = "The modules of Debian's packages cannot be imported: 'Failed to run event loop'."

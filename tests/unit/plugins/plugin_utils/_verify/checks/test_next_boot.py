@@ -3,6 +3,8 @@
 
 """Things that work now and not after the next boot: one part for each kind of it, and nothing else is suspected."""
 
+from dataclasses import replace
+
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.preflight import MachineState
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import (
@@ -15,6 +17,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
 from fleets import ONE, assert_told, diagnosed, evaluate, fig12, notable, update
 from mentioned import mentions
 
+NODES = ("discovery", "sync")
 LATER = "/etc/sysctl.d/99-x.conf line 2 sets 0"
 
 
@@ -64,3 +67,18 @@ def test_modules_that_are_gone_are_a_fault_of_the_next_start(computer, verdict):
     assert rows["next_start", computer, computer].found.startswith("the ROS of /opt/ros")
     (finding,) = diagnosed(change, fleet=fig12()).findings
     assert (finding.component.kind, finding.component.place) == ("ros", computer)
+
+
+def test_services_that_start_in_vain_follow_from_a_ros_that_is_gone():
+    """As in the lab: rospy was removed, its nodes started again, and site.yml would refuse to mend their units."""
+    sentence = f"{ONE}: There is no ROS 1: neither /opt/ros/<distro>/setup.sh nor Debian's python3-rospy."
+
+    def change(seen):
+        update(seen[ONE], found=MachineState(broken_ros=sentence, noted=(sentence,)))
+        services = seen[ONE].probe.services
+        loops = {"active_state": "activating", "sub_state": "start", "restarts": 6, "result": "exit-code", "status": 1}
+        update(seen[ONE].probe, services=tuple(replace(one, **loops) if one.name in NODES else one for one in services))
+
+    (finding,) = diagnosed(change).findings
+    assert (finding.component.kind, finding.component.mode, finding.component.place) == ("ros", "broken", ONE)
+    assert "reinstall" in finding.do[0].text
