@@ -64,4 +64,4 @@ def read_removals(
 ) -> dict[str, Removal]:
     """Read how a teardown went on each computer."""
     looks = read_results([str(args.get(name) or "") for name in ("before", "after")], task_vars)
-    return {host: Removal(results, *looks[host], host in lost) for host, results in ended.items()}
+    return {host: Removal(results, looks[host][0], looks[host][1], host in lost) for host, results in ended.items()}
