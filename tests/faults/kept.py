@@ -60,10 +60,8 @@ def told_of_remedies(rows: Sequence[Row]) -> str:
     done = [word for word in words if word.endswith(f", {remedy.BY_HAND}")]
     commands = [word for word in words if word != remedy.WORDS and word not in done]
     mend, mend_by_hand = commands.count(remedy.MENDS), done.count(f"{remedy.MENDS}, {remedy.BY_HAND}")
-    return (
-        f"The command that is told mends it in {mend} of {len(commands)}; {len(words) - len(commands)} are told in words; "
-        f"of these {len(done)} were done by hand, and mend it in {mend_by_hand}."
-    )
+    told = f"The command that is told mends it in {mend} of {len(commands)}; {len(words) - len(commands)} are told in words"
+    return f"{told}; of these {len(done)} were done by hand, and mend it in {mend_by_hand}." if done else f"{told}."
 
 
 def told_of_unexplained(rows: Sequence[Row]) -> str:
