@@ -27,8 +27,9 @@ notes:
     They are in force until the next boot.
   - Before systemd 249, and if an interface of systemd-networkd has an address by DHCP or router advertisements, or may get one,
     systemd-networkd is not restarted. It reads the routes at the next boot, and a warning says so.
-  - With C(networkmanager), they are added to the profile that is active on the interface, and with C(netplan) they are in
-    C(/etc/netplan/zz-rosfleet-multimaster.yaml).
+  - With C(networkmanager), they are added to the profile that is active on the interface. NetworkManager then writes the file of that
+    profile anew, so comments in it are lost.
+  - With C(netplan), they are in C(/etc/netplan/zz-rosfleet-multimaster.yaml).
   - Needs the command C(ip) (iproute2).
 extends_documentation_fragment:
   - rosfleet.multimaster.attributes

@@ -143,3 +143,42 @@ def _by_anchors(network):
 
 def _in_json(network):
     return yaml.safe_dump({"network": network}, default_flow_style=True, width=1000).rstrip("\n").encode()
+
+
+# Keyfiles of NetworkManager
+
+FIRST = {
+    "plain": "[connection]\nid={0}\nuuid=6f0d8a52-1111-4222-8333-94a5b6c7d8e{2}\ntype=ethernet\ninterface-name={1}\n",
+    "unnamed": "# made by hand; no id\n[connection]\ntype=ethernet\ninterface-name={1}\n\n[ethernet]\n",
+    "wide": "[connection]\n\tid = {0}\n\tuuid = 6f0d8a52-1111-4222-8333-94a5b6c7d8e{2}\n\ttype = ethernet\n\tinterface-name = {1}\n",
+    "old": "[connection]\nid={0}\nuuid=6f0d8a52-1111-4222-8333-94a5b6c7d8e{2}\ntype=802-3-ethernet\ninterface-name={1}\npermissions=\n",
+    "apart": "[connection]\nid={0}\ntype=ethernet\n\n[ipv6]\nmethod=ignore\n\n[connection]\ninterface-name={1}\nautoconnect-priority=-999\n",
+    "by_address": "[connection]\nid={0}\ntype=ethernet\nuuid=6f0d8a52-1111-4222-8333-94a5b6c7d8e{2}\n[match]\ninterface-name={1};\n",
+}
+REST = {
+    "static": "[ipv4]\nmethod=manual\naddress1={0}.7/24\n",
+    "routes": "[ipv4]\naddress1={0}.7/24,{0}.1\nroute1=10.0.0.0/8,{0}.9,50\nroute1_options=onlink=true,mtu=1400\nmethod=manual\ndns={0}.1;\n",
+    "old_routes": "[ipv4]\nmethod=manual\naddresses1={0}.7;24;{0}.1;\nroutes1=10.9.0.0;16;{0}.9;5;\n",
+    "two": "[ipv4]\nmethod=manual\naddress2={0}.8/24\naddress1={0}.7/24\nnever-default=true\n# of the lab\nroute-metric=70\n",
+    "both": "[ipv4]\nmethod=manual\naddress1={0}.7/24\n\n[ipv6]\nmethod=manual\naddress1=fd00:{1}::7/64\nroute1=fd00:99::/64,fd00:{1}::1\n",
+    "table": "[ipv4]\nmethod=manual\naddress1={0}.7/24\nroute-table=254\nroute1=10.8.0.0/16,{0}.9,0\nroute1_options=table=52\n",
+    "rule": "[ipv4]\nmethod=manual\naddress1={0}.7/24\nrouting-rule1=priority 99 from {0}.7/32 table 52\n\n[proxy]\n\n[user]\nlab.note=Büro\n",
+}
+TITLES = ("Wired connection 1", "robot: lab\\\\wired", "Büro / 2", "netplan-eth0", "lo")
+
+
+@st.composite
+def keyfiles(draw):
+    """Draw profiles of NetworkManager, each of its own link."""
+    files = {}
+    for number, link in enumerate(draw(st.lists(st.sampled_from(ETHERNETS), min_size=1, max_size=2, unique=True)), 1):
+        text = draw(st.sampled_from(sorted(FIRST.values()))).format(draw(st.sampled_from(TITLES)), link, number)
+        text += draw(st.sampled_from(["", "\n"])) + draw(st.sampled_from(sorted(REST.values()))).format(
+            f"192.168.{number}", number
+        )
+        ending = draw(st.sampled_from(["", ".nmconnection"]))
+        name = draw(st.sampled_from([link, f"Wired connection {number}", f"Büro {number}"]))
+        files[f"/etc/NetworkManager/system-connections/{name}{ending}"] = draw(st.sampled_from(SLIPS[:4]))(
+            text.encode()
+        )
+    return files

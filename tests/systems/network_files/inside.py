@@ -16,6 +16,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 import traceback
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.routes.run import RoutesRun
@@ -50,6 +51,13 @@ def make_links():
     subprocess.run(["ip", "-batch", "-"], input="\n".join(lines), text=True, check=True)
 
 
+def make_links_anew():
+    for name, _index, _mac in list_links():
+        if name.startswith("port"):
+            run("ip", "link", "delete", name)
+    make_links()
+
+
 def read_tree(*folders):
     """Read the files below folders: path -> content and mode."""
     found = {}
@@ -71,8 +79,12 @@ def write_tree(files):
 
 def read_routes():
     """Read the kernel's routes of both versions, without what another boot counts anew."""
-    texts = [run("ip", version, "route", "show", "table", "all").stdout for version in ("-4", "-6")]
-    lines = [line for text in texts for line in text.splitlines() if "fe80" not in line and "ff00" not in line]
+    lines = []
+    for version in ("-4", "-6"):
+        for line in run("ip", version, "route", "show", "table", "all").stdout.splitlines():
+            # An address of IPv6 is there a second after its link: the kernel asks first if another has it.
+            if version == "-4" or ("table local" not in line and "fe80" not in line and "ff00" not in line):
+                lines.append(line)
     return sorted(re.sub(r" +(linkdown|dead|expires \S+|pref medium)", "", line).strip() for line in lines)
 
 
@@ -100,13 +112,13 @@ class Manager:
         """What the program makes of its files for another one."""
         return {}
 
+    def end(self):
+        """End the programs of the computer."""
+
 
 class Ifupdown(Manager):
     def boot(self):
-        for name, _index, _mac in list_links():
-            if name.startswith("port"):
-                run("ip", "link", "delete", name)
-        make_links()
+        make_links_anew()
         os.makedirs("/run/network", exist_ok=True)
         for name in os.listdir("/run/network"):
             os.remove(f"/run/network/{name}")
@@ -158,7 +170,54 @@ def find_network(name, mac):
     return ""
 
 
-MANAGERS = {"ifupdown": Ifupdown, "netplan": Netplan}
+class NetworkManager(Manager):
+    """The daemon, with a bus of its own, on links that it may manage."""
+
+    def __init__(self):
+        os.makedirs("/run/dbus")
+        os.makedirs("/run/systemd/system")  # as with systemd: commands reach the daemon
+        os.makedirs("/run/NetworkManager/conf.d")
+        with open("/run/NetworkManager/conf.d/links.conf", "w") as stream:
+            stream.write("[main]\nno-auto-default=*\n[keyfile]\nunmanaged-devices=interface-name:port*\n")
+        bus = ["dbus-daemon", "--system", "--nofork", "--nopidfile"]
+        self.programs = [subprocess.Popen(bus, stderr=subprocess.DEVNULL)]
+        self.daemon = None
+
+    def boot(self):
+        if self.daemon:
+            self.daemon.terminate()
+            self.daemon.wait()
+        make_links_anew()
+        with open("/run/nm.log", "ab") as log:
+            self.daemon = subprocess.Popen(["NetworkManager", "--no-daemon"], stdout=log, stderr=log)
+        run("nm-online", "--quiet", "--wait-for-startup", "--timeout=20", check=False)
+        return self._wait_until_quiet()
+
+    @staticmethod
+    def _wait_until_quiet():
+        """Wait until the links have their addresses, half a minute at most; returns the state of each."""
+        seen = []
+        for _look in range(60):
+            state = run("nmcli", "--terse", "--fields", "DEVICE,STATE,CONNECTION", "device", check=False).stdout
+            seen.append((state, read_routes()))
+            if "eth0:" in state and ":connecting" not in state and seen[-3:] == seen[-1:] * 3:
+                break
+            time.sleep(0.2)
+        return state
+
+    def generated(self):
+        """What the daemon knows of each profile."""
+        names = run("nmcli", "--terse", "--fields", "UUID", "connection", "show").stdout.split()
+        words = ("nmcli", "--terse", "--fields", "connection,ipv4,ipv6", "connection", "show", "uuid")
+        return {name: re.sub(r"connection.timestamp:.*", "", run(*words, name).stdout) for name in names}
+
+    def end(self):
+        for program in (self.daemon, *self.programs):
+            if program:
+                program.kill()
+
+
+MANAGERS = {"ifupdown": Ifupdown, "netplan": Netplan, "networkmanager": NetworkManager}
 
 
 def options(*routes):
@@ -239,6 +298,8 @@ def try_files(manager, files):
     answer["removed"] = apply()
     answer["files"].append(read_tree(*GIVEN))
     answer["kernel"].append(read_routes())
+    if taken:
+        answer["generated"].append(manager.generated())
     return answer
 
 
@@ -262,7 +323,11 @@ def answer_one(question):
         os.close(reading)
         try:
             be_alone()
-            found = try_files(MANAGERS[question["manager"]](), question["files"])
+            manager = MANAGERS[question["manager"]]()
+            try:
+                found = try_files(manager, question["files"])
+            finally:
+                manager.end()
         except BaseException:
             found = {"crash": traceback.format_exc()}
         with os.fdopen(writing, "w") as stream:

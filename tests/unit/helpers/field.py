@@ -3,18 +3,20 @@
 
 """Files as people have them (tests/unit/fixtures/field), and mixtures of them, for property tests.
 
-FIELD_EXAMPLES is how many mixtures each property tries; `make test-long` tries many.
+FIELD_EXAMPLES is how many mixtures each property tries; `make test-long` tries many. They are the same in each run;
+FIELD_SEED is a number with which they are others.
 """
 
 import codecs
 import os
 import pathlib
 
-from hypothesis import HealthCheck, Phase, settings
+from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
 
 FOLDER = pathlib.Path(__file__).parents[1] / "fixtures" / "field"
 EXAMPLES = int(os.environ.get("FIELD_EXAMPLES") or 40)
+SEED = os.environ.get("FIELD_SEED")
 
 
 def tries(share=1.0, shrink=True):
@@ -24,9 +26,11 @@ def tries(share=1.0, shrink=True):
     """
     phases = [phase for phase in Phase if shrink or phase not in (Phase.shrink, Phase.explain)]
     checks = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
-    return settings(
-        max_examples=max(3, int(EXAMPLES * share)), deadline=None, phases=phases, suppress_health_check=checks
+    count = max(3, int(EXAMPLES * share))
+    chosen = settings(
+        max_examples=count, deadline=None, phases=phases, suppress_health_check=checks, derandomize=not SEED
     )
+    return (lambda test: seed(int(SEED))(chosen(test))) if SEED else chosen
 
 
 #: The files that people have in another form than this repository may: by the stem of their names.
