@@ -10,7 +10,9 @@ even those of another robot, which would list the registrations there.
 import typing
 
 from ..._base.deadlines import call_all
+from ..._contract.outcomes import Outcome
 from ..._machine import network
+from ..._machine.outcomes import classify_error
 from .hosts import host_of
 from .xml_rpc import ask
 
@@ -28,7 +30,7 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
     names = sorted(
         (name for name in services if name.endswith(end)), key=lambda name: (not name.startswith(USUAL), name)
     )
-    hosts = {name: _look_up(roscore, caller, name) for name in names[:MOST]}
+    hosts = _look_up(roscore, caller, names[:MOST])
     here = host_of(roscore)
     others = sorted({host for host in hosts.values() if host not in ("", here)})
     if not others:  # the usual case: nothing is looked up
@@ -40,12 +42,16 @@ def find_own(roscore: str, caller: str, services: typing.Iterable[str], end: str
     return own + [name for name, host in hosts.items() if name not in own and not addresses.get(host)]
 
 
-def _look_up(roscore: str, caller: str, service: str) -> str:
-    """Return the host of a service; empty if the roscore does not know the service."""
-    try:
-        return host_of(str(ask(roscore, caller, "lookupService", service)))
-    except OSError:
-        return ""
+def _look_up(roscore: str, caller: str, services: typing.Sequence[str]) -> typing.Dict[str, str]:
+    """Return the hosts of services; empty for those that the roscore does not know, and for the rest as soon as it gives no answer."""
+    hosts = dict.fromkeys(services, "")
+    for service in services:
+        try:
+            hosts[service] = host_of(str(ask(roscore, caller, "lookupService", service)))
+        except OSError as problem:
+            if classify_error(problem.__cause__)[0] == Outcome.NO_ANSWER:
+                break
+    return hosts
 
 
 def _list_own_addresses() -> typing.Set[str]:

@@ -15,8 +15,12 @@ from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.measur
     sources,
     topics,
 )
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import (
+    node_services,
+    silence,
+    xml_rpc,
+)
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import ros as probe_ros
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import silence, xml_rpc
 from talking import Roscore, served, until
 
 PLANNED = {"master_discovery": {"rpc_port": 11611}, "master_sync": {"sync_hosts": []}}
@@ -87,6 +91,13 @@ def test_no_part_waits_again_for_a_roscore_that_was_silent_for_long(made, hung, 
     look(made)
     until(lambda: len(hung.taken) >= 4 + asked)
     assert len(hung.taken) == 4 + asked
+
+
+def test_a_roscore_that_falls_silent_is_not_asked_for_the_other_services(made, hung):
+    names = [f"/{name}/list_masters" for name in "abcdefgh"]
+    assert node_services.find_own(hung.uri, "/me", names, node_services.LIST_MASTERS) == names
+    until(lambda: hung.taken)
+    assert len(hung.taken) == 1
 
 
 def test_what_others_are_told_is_what_the_last_question_met(made, hung):
