@@ -75,7 +75,7 @@ def _hosts(proposal: Proposal, ways: Ways) -> str:
     )
     lines += ["---", "robots:", "  children:"]
     for robot in proposal.robots:
-        lines += [f"    {robot.name}:", "      hosts:"]
+        lines += [f"    {_scalar(robot.name)}:", "      hosts:"]
         for computer in robot.computers:
             lines += _indent(8, _host(computer, ways))
     if proposal.router:
@@ -86,7 +86,7 @@ def _hosts(proposal: Proposal, ways: Ways) -> str:
 
 def _host(computer: ProposedComputer, ways: Ways) -> list[str]:
     inside = [*_comment(_sentences(computer.notes)), *_variables(computer.choices), *ways[computer.machine]]
-    return [f"{computer.name}:", *_indent(2, inside)]
+    return [f"{_scalar(computer.name)}:", *_indent(2, inside)]
 
 
 def _connection(computer: ProposedComputer, given: Mapping[str, Any]) -> list[str]:
