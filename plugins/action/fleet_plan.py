@@ -18,6 +18,7 @@ from ..plugin_utils._inventory.model import Inventory
 from ..plugin_utils._inventory.rows import PREFIX
 from ..plugin_utils._plan.plan import fleet_plan
 from ..plugin_utils._robot_io.refusal import FleetAction, refuse
+from ..plugin_utils._robot_io.ssh import list_ssh_ports
 
 MOST_GROUPS = 500  # groups and files of them that are looked at, to name the right one
 LARGEST = 1 << 20  # bytes of a file
@@ -42,6 +43,7 @@ class ActionModule(FleetAction):
         return {
             "msg": f"{len(plan.masters)} robots with {len(plan.members)} computers on {plan.common_network}",
             **to_plain(plan),
+            "ssh_ports": list_ssh_ports(task_vars["hostvars"]),
         }
 
 

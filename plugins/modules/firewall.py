@@ -69,7 +69,7 @@ options:
   ssh_ports:
     description:
       - Further TCP ports of ssh that are not touched, for example V([2222]).
-        The controller adds those that the inventory names (C(ansible_port)).
+        Without the option, they are those that the inventory names (C(ansible_port)).
     type: list
     elements: int
     default: []

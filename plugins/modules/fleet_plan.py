@@ -292,6 +292,13 @@ listeners:
       returned: always
       type: bool
       sample: true
+ssh_ports:
+  description: The ports of ssh that the inventory names (C(ansible_port)), which no packet filter of the fleet touches.
+  version_added: 1.1.0
+  returned: success
+  type: list
+  elements: int
+  sample: [2222]
 belonging:
   description: The members of the fleet, and the treatment of strangers.
   returned: success

@@ -156,7 +156,7 @@ def test_the_core_of_the_controller_imports_no_feature():
 
 
 #: where actions share what needs Ansible's classes
-ACTIONS_SHARE = {f"_robot_io/{name}.py" for name in ("robot_action", "confirmation", "trees", "refusal")}
+ACTIONS_SHARE = {f"_robot_io/{name}.py" for name in ("robot_action", "confirmation", "trees", "refusal", "ssh")}
 
 
 #: what the robots answer, and the files of the controller that read it

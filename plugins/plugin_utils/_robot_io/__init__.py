@@ -8,6 +8,7 @@ __all__ = (
     "refusal",
     "removal",
     "robot_action",
+    "ssh",
     "summary",
     "trees",
 )
