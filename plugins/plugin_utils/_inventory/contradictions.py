@@ -36,8 +36,9 @@ def find_contradictions(fleet: Fleet, inventory: Inventory) -> Iterator[str]:
     """Yield one sentence for each contradiction. A robot without hosts declares nothing, and may be meant by others."""
     parties = {robot.name: robot for robot in fleet.robots if robot.hosts}
     declarers, robots = list(parties.values()), inventory.robots
+    computers = {host: robot for robot, hosts in robots.items() for host in hosts}
     for party in declarers:
-        yield from (*_find_wrong_receivers(party, robots), *_find_built_in_names(party))
+        yield from (*_find_wrong_receivers(party, robots, computers), *_find_built_in_names(party))
     yield from _find_parameter_names(declarers)
     yield from _find_collisions(parties, list(robots))
     yield from _find_crossing_parameters(parties, list(robots))
@@ -149,8 +150,10 @@ def _find_local_diagnostics(parties: Sequence[Robot], shared: FleetVariables) ->
         )
 
 
-def _find_wrong_receivers(party: Robot, robots: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    computers = {host: robot for robot, hosts in robots.items() for host in hosts}
+def _find_wrong_receivers(
+    party: Robot, robots: Mapping[str, Sequence[str]], computers: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield a sentence for each receiver that is no other robot; `computers` has the robot of each."""
     for name in dict.fromkeys(robot for entry in party.entries for robot in entry.to):
         if name == party.name:
             what, do = "the robot itself", "remove it"
@@ -216,7 +219,8 @@ def _find_meeting_names(parties: Sequence[Robot], robots: Sequence[str]) -> list
     """
     by_name = {party.name: party for party in parties}
     meetings: dict[tuple[str, str, str], list[str]] = {}  # both givers and the name -> receivers
-    for receiver in robots:
+    relaying = any(entry.is_relayed for party in parties for entry in party.entries)
+    for receiver in robots if relaying else ():
         for (party, entry), (other, its) in _pair_renamed(parties, receiver):
             same = _list_meeting(entry, its) if party == other or entry.namespace or its.namespace else []
             if same:
@@ -279,7 +283,7 @@ def _find_lost_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
     Topics that a relay takes across are left out of the ordinary exchange, so they would be lost without a word. A pattern names no topic: all
     that a station has for a robot, `/kobuki1/*`, has its incoming topics in it.
     """
-    for party, other in itertools.permutations(parties.values(), 2):
+    for party, other in _pair_relaying(parties.values()):
         returned = _list_ordinary_topics(other, party.name)
         ways = [entry for entry in party.entries if entry.is_relayed and party.receivers(entry, (other.name,))]
         named = [entry.rename(name) for entry in ways for name in entry.back + topics_of(entry.actions, FROM_CLIENT)]
@@ -292,6 +296,12 @@ def _find_lost_ways_back(parties: Mapping[str, Robot]) -> Iterator[str]:
                     f"{party.name}, which is lost, since it is not at 'back'; expected it there, or another name: add it to 'back' of the "
                     f"entry in {party.file}, or take it out of multimaster_exports in {other.file}."
                 )
+
+
+def _pair_relaying(parties: Collection[Robot]) -> Iterator[tuple[Robot, Robot]]:
+    """Yield each robot with a relay together with each other robot."""
+    relaying = [party for party in parties if any(entry.is_relayed for entry in party.entries)]
+    return ((party, other) for party in relaying for other in parties if other is not party)
 
 
 def _list_ordinary_topics(giver: Robot, receiver: str) -> list[str]:

@@ -27,11 +27,12 @@ _EXAMPLES = {
 def find_network_problems(fleet: Fleet, inventory: Inventory) -> list[str]:
     """Return the reasons why packets cannot go everywhere and back, one sentence each."""
     common, addresses, router = fleet.variables.common_network, fleet.addresses, fleet.router
+    hosts = {address: host for host, address in addresses.items()}
     problems: list[str] = []
     for robot in fleet.robots:
         problems += _check_completeness(robot, inventory)
         problems += _check_members(robot, common, addresses)
-        problems += _check_gateway(robot, common, addresses)
+        problems += _check_gateway(robot, common, hosts)
     problems += _check_overlaps(fleet)
     problems += _check_uniqueness(fleet)
     if router and common:
@@ -70,10 +71,9 @@ def _address_variable(host: str, seals: Container[str]) -> str:
     return "multimaster_sealed" if host in seals else "multimaster_address"
 
 
-def _check_gateway(robot: Robot, common: IPv4Network | None, addresses: Mapping[str, IPv4Address]) -> Iterator[str]:
-    """Check that the gateway is in both networks."""
+def _check_gateway(robot: Robot, common: IPv4Network | None, named: Mapping[Any, str]) -> Iterator[str]:
+    """Check that the gateway is in both networks; `named` has the computer at each address."""
     own, gateway = robot.variables, robot.variables.gateway
-    named: Mapping[Any, str] = {address: host for host, address in addresses.items()}
     if gateway in robot.seals or named.get(gateway) in robot.seals:
         return  # contradictions has a sentence for it
     if isinstance(gateway, str) and not robot.gateway_host:

@@ -80,6 +80,25 @@ def plan(robots=2, computers=1, exports=None, **variables):
     return plan_module.fleet_plan(fleet_module.read_fleet(fleet_module.Inventory(robots=hosts, variables=values)))
 
 
+def behind_gateways(computers):
+    """The inventory of so many computers: robots of four, each with a network of its own behind the first one, and packet filters."""
+    robots, values = {}, {}
+    for number in range(computers):
+        robot, place = divmod(number, 4)
+        gateway, name = f"robot{robot}-0", f"robot{robot}-{place}"
+        robots.setdefault(f"robot{robot}", []).append(name)
+        values[name] = {
+            "multimaster_common_network": "10.1.0.0/16",
+            "multimaster_firewall": "fleet",
+            "multimaster_network": f"10.2.{robot}.0/24",
+            "multimaster_gateway": gateway,
+            "multimaster_common_address": f"10.1.{robot // 200}.{1 + robot % 200}",
+            "multimaster_master": gateway,
+            "multimaster_address": f"10.2.{robot}.{1 + place}",
+        }
+    return fleet_module.Inventory(robots=robots, variables=values)
+
+
 # Section 4 of the report: Fig. 10 and 12, with a router that is a computer.
 ROBOTS = {
     "tibi": (11, 201, "tibi-visio", {"tibi-nav": 100, "tibi-visio": 101, "tibi-monitor": 202}),
@@ -231,9 +250,8 @@ def router_probe(fleet, own):
     )
 
 
-def _route_to(fleet, own, master):
+def _route_to(layout, own, master):
     """The route to a discovery node, whose address may be in another network than the robot's."""
-    layout = ways_module.Ways(fleet)
     if own.computer == master.computer or any(master.address in entry.network for entry in own.networks):
         return TargetRoute("eth0", source=str(own.address))
     behind = (
@@ -243,7 +261,7 @@ def _route_to(fleet, own, master):
 
 
 def good_probe(fleet, me, own):
-    flows = registrations.Flows(fleet)
+    flows, layout = registrations.Flows(fleet), ways_module.Ways(fleet)
     uri = own.environment["ROS_MASTER_URI"]
     return Probe(
         **network_part(fleet, own),
@@ -256,7 +274,7 @@ def good_probe(fleet, me, own):
                 connect_ms=0.3,
                 clock_offset_s=0.001,
                 clock_uncertainty_s=0.001,
-                route=_route_to(fleet, own, master),
+                route=_route_to(layout, own, master),
                 outcome=Outcome.OPEN,
                 roscore="open",
                 roscore_outcome=Outcome.OPEN,
