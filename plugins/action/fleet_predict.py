@@ -15,7 +15,7 @@ from ..plugin_utils._base.plain_text import LINE, plain, plain_data, plain_lines
 from ..plugin_utils._plan.model import FleetPlan
 from ..plugin_utils._predict import prediction
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal, name_inventory
-from ..plugin_utils._verify.observe.task_results import find_result
+from ..plugin_utils._verify.observe.task_results import Registered, find_result
 
 OPTIONS = ("fleet", "machine", "table")
 
@@ -52,4 +52,6 @@ class ActionModule(FleetAction):
 
 def machines(fleet: FleetPlan, hostvars: Mapping[str, Any], name: str) -> dict[str, Mapping[str, Any]]:
     """Return the facts of each computer, which it registered by this name (with a dot: a part of it)."""
-    return {host: plain_data(find_result(hostvars[host], name)) for host in fleet.computers if host in hostvars}
+    return {
+        host: plain_data(find_result(Registered(hostvars, host), name)) for host in fleet.computers if host in hostvars
+    }

@@ -10,7 +10,7 @@ a name, an address or the like, or it is in quotes. So the checks need not quote
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, TypeVar
@@ -139,6 +139,35 @@ def _quote_key(name: str, names: Collection[str]) -> str:
 def _quote_text(text: str, key: str) -> str:
     form = FORMS.get(key)
     return text if form and len(text) <= LONGEST and form.fullmatch(text) else quote(text, LONGEST_TEXT)
+
+
+class Registered(Mapping[str, Any]):
+    """The variables of a host, with registered results as they are.
+
+    Ansible computes a whole variable each time that one asks for it, and the result of a verification has thousands of texts. A result
+    has no templates; a variable that is something else, such as a template, is computed.
+    """
+
+    def __init__(self, hostvars: Any, host: str) -> None:
+        self._host, self._hostvars = host, hostvars
+        self._raw: Mapping[str, Any] = getattr(hostvars, "raw_get", hostvars.__getitem__)(host)
+
+    def __getitem__(self, name: str) -> Any:
+        """Return a variable."""
+        value = self._raw[name]
+        return value if isinstance(value, Mapping) else self._hostvars[self._host][name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names."""
+        return iter(self._raw)
+
+    def __len__(self) -> int:
+        """Return the number of variables."""
+        return len(self._raw)
+
+    def __contains__(self, name: object) -> bool:
+        """Return True if the host has this variable; nothing is computed."""
+        return name in self._raw
 
 
 def find_result(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:

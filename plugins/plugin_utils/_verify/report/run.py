@@ -16,7 +16,7 @@ from ..checks.engine import UNKNOWN_INVENTORY as UNKNOWN
 from ..checks.engine import InventorySource
 from ..context.pairs import ALL
 from ..observe.observations import Observation
-from ..observe.task_results import KEY, find_result, list_plan_names, read_observation
+from ..observe.task_results import KEY, Registered, find_result, list_plan_names, read_observation
 from . import content
 
 FIRST_LOOK = (
@@ -53,11 +53,12 @@ def gather_run(
     fleet = from_plain(FleetPlan, options.get("fleet"))
     names = {option: options.get(option) or "" for option in (*OPTIONS, "logs")}
     planned_names = list_plan_names(fleet)
-    observations = {
-        host: read_observation(host, hostvars[host], names, planned_names) for host in fleet.computers if host in hosts
-    }
-    infos = {host: find_result(hostvars[host], names["machine"]) for host in observations}
-    logs = {host: _lines(find_result(hostvars[host], names["logs"])) for host in observations} if names["logs"] else {}
+    registered = {host: Registered(hostvars, host) for host in fleet.computers if host in hosts}
+    observations = {host: read_observation(host, of_it, names, planned_names) for host, of_it in registered.items()}
+    infos = {host: find_result(of_it, names["machine"]) for host, of_it in registered.items()}
+    logs = (
+        {host: _lines(find_result(of_it, names["logs"])) for host, of_it in registered.items()} if names["logs"] else {}
+    )
     machines = content.describe_machines(fleet, observations, infos)
     numbers = {option: str(names[option] or 0) for option in ("least_mbit_s", "since_last_s")}
     choices = {"pairs": names["pairs"] or ALL, **numbers}

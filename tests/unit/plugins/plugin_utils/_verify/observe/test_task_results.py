@@ -145,3 +145,33 @@ def test_a_service_of_multicast_routing_has_a_planned_name():
     names = task_results.list_plan_names(fig12(multimaster_multicast_routing="smcroute"))
     assert task_results.quote_texts(seen, names=names) == seen
     assert task_results.quote_texts(seen, names=task_results.list_plan_names(fig12())) != seen
+
+
+class HostVars(dict):
+    """The variables of hosts as Ansible has them: who asks for one gets it computed, and counted here."""
+
+    def __init__(self, raw):
+        super().__init__()
+        self.raw, self.computed = raw, []
+
+    def raw_get(self, host):
+        return self.raw[host]
+
+    def __getitem__(self, host):
+        self.computed.append(host)
+        return {name: value if isinstance(value, dict) else {"udp": [value]} for name, value in self.raw[host].items()}
+
+
+def test_a_registered_result_is_read_as_it_is():
+    """A large fleet has hundreds of megabytes of results, which Ansible would go through each time."""
+    hostvars = HostVars({"kobuki1computer": {"verify_probe": {"multicast": {"udp": []}}}})
+    registered = task_results.Registered(hostvars, "kobuki1computer")
+    assert [*registered] == ["verify_probe"] and len(registered) == 1
+    assert task_results.find_result(registered, "verify_probe.multicast") == {"udp": []}
+    assert task_results.find_result(registered, "verify_filter") == {} and not hostvars.computed
+
+
+def test_a_variable_with_a_template_is_computed():
+    hostvars = HostVars({"kobuki1computer": {"seen": "{{ verify_probe }}"}})
+    registered = task_results.Registered(hostvars, "kobuki1computer")
+    assert task_results.find_result(registered, "seen") == {"udp": ["{{ verify_probe }}"]}
