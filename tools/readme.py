@@ -29,7 +29,8 @@ def list_measured_tables() -> Iterator[Table]:
     sources = [str((in_tree.FOLDER / f"{name}.json").relative_to(ROOT)) for name in ("network", "growth")]
     yield Table(page, "network", sources[0], lambda _old: figures.table(network["systems"], network["titles"]))
     yield Table(bench.format("network"), "crowd", sources[0], lambda _old: figures.crowd_table(network["crowd"]))
-    yield Table(bench.format("site"), "site", sources[1], lambda _old: growth.site_table(grown))
+    yield Table(bench.format("site"), "site", sources[1], lambda _old: growth.runs_table(grown))
+    yield Table(page, "plans", sources[1], lambda _old: growth.plans_table(grown))
     yield Table(bench.format("site"), "functions", sources[1], lambda _old: growth.functions_table(grown))
 
 

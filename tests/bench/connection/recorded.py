@@ -8,6 +8,7 @@ So a run costs what the controller does, and nothing else: forks, templates, and
 
 import json
 import re
+from pathlib import Path
 
 from ansible.errors import AnsibleConnectionFailure
 from ansible.plugins.connection import ConnectionBase
@@ -16,31 +17,24 @@ DOCUMENTATION = r"""
 name: recorded
 short_description: Answer modules with what a real computer said
 description:
-  - Takes modules by way of pipelining, and answers those that a run of site.yml has on a computer that is as planned.
+  - Takes modules by way of pipelining. Other commands do nothing.
 options:
-  address:
-    description: The address of the computer.
-    vars:
-      - name: multimaster_address
-    required: true
   computer:
     description: The name of the computer.
     vars:
       - name: inventory_hostname
     required: true
-  master:
-    description: The computer with the roscore of its robot.
+  answers:
+    description:
+      - The folder with a file of JSON for each computer, such as C(kobuki1computer.json). It has an answer for each module, or for
+        each value of the option O(ignore:action) of a module, as in C({"multimaster_verify collect":{}}).
     vars:
-      - name: multimaster_master
-    required: true
-  machine:
-    description: The file with the return of multimaster_info on a real computer, as JSON.
-    vars:
-      - name: recorded_machine
+      - name: recorded_answers
     required: true
 """
 
 MODULE = re.compile(rb"^ansible_module='rosfleet\.multimaster\.(\w+)'", re.MULTILINE)
+ACTION = re.compile(rb'"action": ?"(\w+)"')
 
 
 class Connection(ConnectionBase):
@@ -56,20 +50,14 @@ class Connection(ConnectionBase):
     def exec_command(self, cmd, in_data=None, sudoable=True):
         found = MODULE.search(in_data or b"")
         if not found:
-            raise AnsibleConnectionFailure(f"there is no answer to {cmd[:100]}")
-        return 0, json.dumps(self._answer(found.group(1).decode())).encode(), b""
-
-    def _answer(self, module):
-        if module == "multimaster_computer":
-            nothing = {"changed": False, "unconfirmed": False, "same_connection": False}
-            return {**nothing, "concerns": {}, "diff": [], "msg": "All is as planned."}
-        if module != "multimaster_info":
-            raise AnsibleConnectionFailure(f"there is no answer of the module {module}")
-        with open(self.get_option("machine"), encoding="utf-8") as stream:
-            text = stream.read()
-        for word, option in (("@ADDRESS@", "address"), ("@NAME@", "computer"), ("@MASTER@", "master")):
-            text = text.replace(word, self.get_option(option))
-        return json.loads(text)
+            return 0, b"", b""
+        answers = json.loads((Path(self.get_option("answers")) / f"{self.get_option('computer')}.json").read_bytes())
+        keys = [found.group(1).decode()] * 2
+        keys[0] += "".join(f" {action.decode()}" for action in ACTION.findall(in_data)[:1])
+        for key in keys:
+            if key in answers:
+                return 0, json.dumps(answers[key]).encode(), b""
+        raise AnsibleConnectionFailure(f"there is no answer of {keys[0]}")
 
     def put_file(self, in_path, out_path):
         raise AnsibleConnectionFailure("nothing is kept here")

@@ -1,27 +1,27 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The costs of a fleet for the controller as it grows: plan, second run of site.yml, judgement of a full verification.
+"""The costs of a fleet for the controller and its computers as it grows: plans, runs of site.yml and verify, judgements.
 
-python tests/bench/site/growth.py [--keep]
+python tests/bench/site/growth.py [--computers 13,100] [--keep]
 
-The computers of the second run are not there: the connection `recorded` gives the answers of a real one that is as
-planned, at once. So one machine shows 100 computers, and all that is measured is the controller's work. Plan and
-judgement are the functions behind the actions, on observations of a fleet in which everything works. Writes
-.work/bench/growth.json and growth.png, with --keep to docs/understand/performance; `make readme` then writes the tables of README.md.
+The computers are not there: the connection `recorded` gives the answers of computers that are as planned, at once. So one machine
+shows 400 computers, and all that is measured is the controller's work. Plan and judgement are the functions behind the actions, on
+observations of a fleet in which everything works. Writes .work/bench/growth.json and growth.png, with --keep to
+docs/understand/performance; `make readme` then writes the tables of the pages.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import platform
-import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,49 +31,55 @@ sys.path[:0] = [str(ROOT / folder) for folder in ("tests/bench", ".work/collecti
 import in_tree  # noqa: E402
 
 WORK = ROOT / ".work" / "bench"
-COMPUTERS = (13, 25, 50, 100)  # of the second run
-ROBOTS = (25, 50, 100)  # of four computers each, in plan and judgement
+COMPUTERS = (13, 100, 200, 400)
+ROBOTS = (25, 50, 100)  # of four computers each on one network, in plan and judgement
 OF_A_ROBOT = 4
+RUNS = {
+    "site": ("second `site.yml`", "site.yml", "changed=0"),
+    "verify": ("`verify`", "playbooks/verify.yml", "PASSED: "),
+}
 #: figure -> seconds that 100 robots may take
 LIMITS = {"plan": 3.0, "judgement": 5.0}
 
 
-def inventory(computers: int) -> dict[str, Any]:
-    """An inventory of robots with four computers on one network, behind the connection `recorded`."""
-    robots: dict[str, dict[str, Any]] = {}
-    for number in range(computers):
-        robot = f"robot{number // OF_A_ROBOT}"
-        hosts = robots.setdefault(robot, {"hosts": {}, "vars": {"multimaster_master": f"{robot}-0"}})["hosts"]
-        hosts[f"{robot}-{number % OF_A_ROBOT}"] = {"multimaster_address": f"10.1.{number // 200}.{1 + number % 200}"}
-    shared = {
-        "multimaster_common_network": "10.1.0.0/16",
-        "ansible_connection": "recorded",
-        "ansible_user": "root",
-        "ansible_python_interpreter": "/usr/bin/python3",
-        "recorded_machine": str(Path(__file__).with_name("machine.json")),
-    }
-    return {"robots": {"children": robots, "vars": shared}}
+def record(computers: int) -> tuple[Path, list[dict[str, Any]]]:
+    """Write the inventory and the answers of a fleet: the path of the inventory, and the sizes of the plan of two computers."""
+    import planned
+    import recording
+
+    plan = recording.make_plan(computers)
+    inventory, answers = WORK / "growth.yml", WORK / "answers"
+    answers.mkdir(parents=True, exist_ok=True)
+    inventory.write_text(json.dumps(recording.make_inventory(computers, answers)) + "\n")  # JSON is YAML
+    for name, of_it in recording.list_answers(plan):
+        (answers / f"{name}.json").write_text(json.dumps(of_it))
+    sizes = [planned.measure_computer(plan, name) for name in ("robot0-0", "robot0-1")]
+    return inventory, [{"computers": computers, **size} for size in sizes]
 
 
-def second_run(computers: int) -> dict[str, float]:
-    """Seconds of a run of site.yml over so many computers: by the clock, and of the processors."""
-    path = WORK / "growth.yml"
-    path.write_text(json.dumps(inventory(computers)) + "\n")  # JSON is YAML
+def play(inventory: Path, computers: int, run: str) -> dict[str, Any]:
+    """Run a playbook over so many computers: seconds by the clock and of the processors, and the memory of the largest process."""
+    _title, playbook, words = RUNS[run]
     settings = {
         **os.environ,
         "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
+        "ANSIBLE_HOME": str(WORK / "ansible"),  # has the reports
         "ANSIBLE_COLLECTIONS_PATH": str(ROOT / ".work/collections"),
         "ANSIBLE_CONNECTION_PLUGINS": str(ROOT / "tests/bench/connection"),
         "ANSIBLE_NOCOLOR": "1",
     }
-    command = [str(Path(sys.executable).with_name("ansible-playbook")), "-i", str(path), "site.yml"]
-    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    done = subprocess.run(command, cwd=ROOT, env=settings, capture_output=True, text=True, check=False)
-    seconds, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode or "changed=0" not in done.stdout:
-        sys.exit(f"growth: site.yml failed:\n{done.stdout[-3000:]}{done.stderr[-1000:]}")
-    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return {"computers": computers, "seconds": round(seconds, 2), "processor": round(spent, 2)}
+    command = [str(Path(sys.executable).with_name("ansible-playbook")), "-i", str(inventory), playbook]
+    path = WORK / f"growth-{run}.log"
+    began = time.monotonic()
+    with path.open("w") as log, subprocess.Popen(command, cwd=ROOT, env=settings, stdout=log, stderr=log) as process:
+        _process, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    seconds = time.monotonic() - began
+    output = path.read_text()
+    if process.returncode or words not in output:
+        sys.exit(f"growth: {playbook} failed:\n{output[-3000:]}")
+    spent = usage.ru_utime + usage.ru_stime
+    return {"computers": computers, "seconds": seconds, "processor": spent, "memory": usage.ru_maxrss / 1024}
 
 
 def spent(function: Callable[[], Any]) -> tuple[Any, float]:
@@ -123,13 +129,47 @@ def machine() -> dict[str, Any]:
     }
 
 
-def site_table(report: dict[str, Any]) -> str:
-    """The second run of site.yml over a growing fleet, as a table of Markdown."""
-    lines = ["| second `site.yml` | by the clock | processors | for each computer |", "|---|---|---|---|"]
+def grow(rows: Sequence[dict[str, Any]], key: str) -> list[str]:
+    """Return by how much a figure grows from each row to the next, for twice the computers."""
+    pairs = zip(rows, rows[1:])
+    ratios = (
+        2 ** (math.log(after[key] / before[key]) / math.log(after["computers"] / before["computers"]))
+        for before, after in pairs
+    )
+    return ["", *(f"{ratio:.1f} times" for ratio in ratios)]
+
+
+def runs_table(report: dict[str, Any]) -> str:
+    """Return the runs of the playbooks over a growing fleet as a table of Markdown."""
+    lines = [
+        "| run | by the clock | processors | for each computer | twice the computers take | memory |",
+        "|---|---|---|---|---|---|",
+    ]
+    for run, (title, _playbook, _words) in RUNS.items():
+        rows = report[run]
+        lines += [
+            f"| {title}, {row['computers']} computers | {row['seconds']:.1f} s | {row['processor']:.1f} s"
+            f" | {row['processor'] / row['computers']:.2f} s | {ratio} | {_format_memory(row)} |"
+            for row, ratio in zip(rows, grow(rows, "processor"))
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _format_memory(row: dict[str, Any]) -> str:
+    """Return the memory of a run; figures of earlier versions have none."""
+    return f"{row['memory']:.0f} MB" if "memory" in row else ""
+
+
+def plans_table(report: dict[str, Any]) -> str:
+    """Return the sizes of the plan of two computers in a growing fleet as a table of Markdown."""
+    lines = [
+        "| computer | names in `/etc/hosts` | routes | nftables | rules of ufw | rules of firewalld | planned in |",
+        "|---|---|---|---|---|---|---|",
+    ]
     lines += [
-        f"| {row['computers']} computers | {row['seconds']:.1f} s | {row['processor']:.1f} s"
-        f" | {row['processor'] / row['computers']:.2f} s |"
-        for row in report["site"]
+        f"| {row['computer']}, of {row['computers']} | {row['names']} | {row['routes']} | {row['nftables_bytes'] / 1000:.1f} kB"
+        f" | {row['ufw_rules']:,} | {row['firewalld_rules']:,} | {row['seconds']:.3f} s |"
+        for row in sorted(report["plans"], key=lambda row: row["computer"], reverse=True)
     ]
     return "\n".join(lines) + "\n"
 
@@ -148,36 +188,56 @@ def functions_table(report: dict[str, Any]) -> str:
 
 
 def draw(report: dict[str, Any], path: Path) -> None:
-    """The growth, drawn out of the report alone."""
+    """Draw the growth out of the report alone."""
     import picture  # first, since it says how matplotlib draws
     from matplotlib import pyplot
 
-    figure, (site, verify) = pyplot.subplots(1, 2, figsize=(8, 3), layout="constrained")
-    for key, label in (("seconds", "by the clock"), ("processor", "of the processors")):
-        site.plot([row["computers"] for row in report["site"]], [row[key] for row in report["site"]], "o-", label=label)
-    site.set(title="Controller: second site.yml", xlabel="computers", ylabel="seconds", xlim=(0, None), ylim=(0, None))
+    figure, (runs, functions_of) = pyplot.subplots(1, 2, figsize=(8, 3), layout="constrained")
+    for run, (title, _playbook, _words) in RUNS.items():
+        for key, label in (("seconds", "by the clock"), ("processor", "of the processors")):
+            runs.plot(
+                [row["computers"] for row in report[run]],
+                [row[key] for row in report[run]],
+                "o-",
+                label=f"{title.replace('`', '')}, {label}",
+            )
+    runs.set(
+        title="Controller: site.yml and verify", xlabel="computers", ylabel="seconds", xlim=(0, None), ylim=(0, None)
+    )
     for key in LIMITS:
         rows = report["functions"]
-        verify.plot([row["computers"] ** 2 / 1000 for row in rows], [row[key] for row in rows], "o-", label=key)
-    verify.set(title="Plan and judgement", xlabel="pairs of computers, in thousands", xlim=(0, None), ylim=(0, None))
-    for place in (site, verify):
+        functions_of.plot([row["computers"] ** 2 / 1000 for row in rows], [row[key] for row in rows], "o-", label=key)
+    functions_of.set(
+        title="Plan and judgement", xlabel="pairs of computers, in thousands", xlim=(0, None), ylim=(0, None)
+    )
+    for place in (runs, functions_of):
         place.grid(alpha=0.3)
         place.legend(frameon=False)
     picture.save(figure, path)
 
 
+def measure(computers: Iterable[int]) -> dict[str, Any]:
+    """Measure all, and say on the way what is done."""
+    report: dict[str, Any] = {"machine": machine(), "plans": [], **{run: [] for run in RUNS}}
+    report["functions"] = [functions(robots) for robots in ROBOTS]
+    for number in computers:
+        inventory, sizes = record(number)
+        report["plans"] += sizes
+        for run in RUNS:
+            report[run].append(play(inventory, number, run))
+            print(f"growth: {number} computers, {run}: {report[run][-1]['seconds']:.0f} s", flush=True)
+    return report
+
+
 def main() -> None:
     """Measure, print and write; name what takes longer than is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--computers", default=",".join(map(str, COMPUTERS)), help="the fleets (default: %(default)s)")
     parser.add_argument("--keep", action="store_true", help="write the figures to docs/understand/performance")
     options = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
-    report: dict[str, Any] = {"machine": machine(), "site": [], "functions": []}
-    for robots in ROBOTS:
-        report["functions"].append(functions(robots))
-    for computers in COMPUTERS:
-        report["site"].append(second_run(computers))
-    print(f"{site_table(report)}\n{functions_table(report)}", flush=True)
+    report = measure(map(int, options.computers.split(",")))
+    print("\n".join(table(report) for table in (plans_table, runs_table, functions_table)), flush=True)
     for folder in [WORK] + [in_tree.FOLDER] * options.keep:
         folder.mkdir(parents=True, exist_ok=True)
         in_tree.write(report, folder / "growth.json")
