@@ -14,7 +14,7 @@ from typing import Any
 from ..plugin_utils._adopt import facts, write
 from ..plugin_utils._adopt.infer import propose
 from ..plugin_utils._adopt.proposal import Proposal
-from ..plugin_utils._base.plain_text import LINE, plain, plain_data
+from ..plugin_utils._base.plain_text import LINE, plain, plain_data, quote
 from ..plugin_utils._inventory import read
 from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
 
@@ -55,7 +55,7 @@ class ActionModule(FleetAction):
             "left_out": left_out,
             "problems": problems,
             "msg": _summarize(path, proposal, bool(self._task.check_mode)),
-            "warnings": [*problems, *left_out],
+            "warnings": [*problems, *left_out, *_list_unanswered(names, hostvars, str(args.get("machine")))],
             **({"diff": changes} if self._task.diff else {}),
         }
 
@@ -93,6 +93,19 @@ def _read_machines(
         except facts.StrangeMachine as problem:
             unread[name] = str(problem)
     return machines, unread
+
+
+def _list_unanswered(names: list[str], hostvars: Mapping[str, Any], variable: str) -> list[str]:
+    """List the parts of machines that could not be read: the inventory lacks what they would have said."""
+    found = {name: (hostvars[name].get(variable) or {}).get("problems") for name in names}
+    return [
+        plain(
+            f"{name}: {quote(text, LINE)}; expected an answer, since the inventory lacks what it says: run it again.",
+            LINE,
+        )
+        for name, problems in found.items()
+        for text in (problems if isinstance(problems, (list, tuple)) else ())[: facts.MOST]
+    ]
 
 
 def _explain_failure(info: Mapping[str, Any]) -> str:

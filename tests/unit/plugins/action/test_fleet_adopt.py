@@ -54,6 +54,15 @@ def test_a_folder_is_written_as_a_whole(tmp_path):
     assert [path.name for path in folder.parent.iterdir()] == ["fleet"]
 
 
+def test_a_part_of_a_machine_without_an_answer_is_told(tmp_path):
+    unread = {
+        **INFOS,
+        "bob-pc": {**INFOS["bob-pc"], "exports": [], "problems": ["The part exports could not be read."]},
+    }
+    (warning,) = adopt(tmp_path / "fleet", unread)["warnings"]
+    assert mentions(warning, "bob-pc", "The part exports could not be read.", "run it again")
+
+
 def test_check_mode_writes_nothing_and_the_difference_shows_all(tmp_path):
     result = adopt(tmp_path / "fleet", check=True, diff=True)
     assert result["changed"] and not list(tmp_path.iterdir())
