@@ -198,3 +198,28 @@ def test_an_example_has_a_plan_for_each_of_its_computers(name):
     robots = yaml.safe_load((EXAMPLES / f"inventory/{name}.yml").read_text(encoding="utf-8"))["robots"]["children"]
     found = json.loads(output.partition("=>")[2])
     assert sorted(found["computers"]) == sorted(host for robot in robots.values() for host in robot["hosts"])
+
+
+@pytest.mark.parametrize("inventory", sorted(path.parent.name for path in ROOT.glob("inventory/*/hosts.yml")))
+def test_no_run_warns_that_ansible_looked_for_a_python(inventory, tmp_path):
+    """Two lines of each run were about it. Who names a Python for a computer gets that one."""
+    listed = ansible("ansible-inventory", "-i", f"inventory/{inventory}", "--list")
+    hosts = json.loads(listed.stdout)["_meta"]["hostvars"]
+    assert {name: of.get("ansible_python_interpreter") for name, of in hosts.items()} == dict.fromkeys(
+        hosts, "auto_silent"
+    )
+    one = sorted(hosts)[0]
+    own = tmp_path / "own.json"
+    own.write_text(json.dumps({"all": {"hosts": {one: {"ansible_python_interpreter": "/usr/bin/python3.8"}}}}))
+    named = ansible("ansible-inventory", "-i", f"inventory/{inventory}", "-i", str(own), "--host", one)
+    assert json.loads(named.stdout)["ansible_python_interpreter"] == "/usr/bin/python3.8"
+
+
+def test_the_settings_for_an_own_fleet_are_those_of_the_checkout():
+    """All but the folders of the checkout, and what only its tests need."""
+    page = (ROOT / "docs/start/playbooks.md").read_text(encoding="utf-8")
+    sample = re.search(r"```ini\n# ansible.cfg\n(.*?)```", page, re.DOTALL).group(1)
+    own = (ROOT / "ansible.cfg").read_text(encoding="utf-8").splitlines()
+    lines = [line for line in sample.splitlines() if line]
+    assert "interpreter_python = auto_silent" in lines
+    assert [line for line in lines if line not in own] == []
