@@ -39,6 +39,18 @@ def has(run, module, *texts):
     return run.startswith(f"{module}: ") and all(text in run for text in texts)
 
 
+def set_ansible(folder):
+    """The environment of a run of ansible-playbook with the collection of the checkout; what it writes is in the folder."""
+    return {
+        **os.environ,
+        "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
+        "ANSIBLE_COLLECTIONS_PATH": str(ROOT / ".work/collections"),
+        "ANSIBLE_HOME": str(folder / "ansible"),
+        "ANSIBLE_NOCOLOR": "1",
+        "LC_ALL": "C.UTF-8",
+    }
+
+
 class Played:
     """A playbook that has run against robots: `status`, `output`, `text` (one line), and `ran`, by host: "module: options" of each run."""
 
@@ -61,15 +73,7 @@ class Played:
                 *("-i", inventory, "-i", folder / "played.json", playbook, "-e", "ansible_become=false", *options),
             ],
             cwd=folder,
-            env={
-                **os.environ,
-                "PATH": f"{systemctl.parent}:{os.environ['PATH']}",
-                "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
-                "ANSIBLE_COLLECTIONS_PATH": str(ROOT / ".work/collections"),
-                "ANSIBLE_HOME": str(folder / "ansible"),
-                "ANSIBLE_NOCOLOR": "1",
-                "LC_ALL": "C.UTF-8",
-            },
+            env={**set_ansible(folder), "PATH": f"{systemctl.parent}:{os.environ['PATH']}"},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -3,7 +3,6 @@
 
 """The action fleet_verdict: a run that fails, by ansible-playbook itself, ends in our words, and not as a mistake in a playbook."""
 
-import os
 import pathlib
 import subprocess
 import sys
@@ -11,7 +10,8 @@ import sys
 import pytest
 import yaml
 
-ROOT = pathlib.Path(__file__).resolve().parents[4]
+from tests.unit.playbooks.played_robots import set_ansible
+
 WORDS = "FAILED: 2 of 116 checks failed; the list has 1 finding, 1 warning."
 
 pytestmark = pytest.mark.whole
@@ -25,14 +25,7 @@ def played(tmp_path, **options):
     done = subprocess.run(
         [pathlib.Path(sys.executable).with_name("ansible-playbook"), "-i", "localhost,", tmp_path / "play.yml"],
         cwd=tmp_path,
-        env={
-            **os.environ,
-            "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg"),
-            "ANSIBLE_COLLECTIONS_PATH": str(ROOT / ".work/collections"),
-            "ANSIBLE_HOME": str(tmp_path / "ansible"),
-            "ANSIBLE_NOCOLOR": "1",
-            "LC_ALL": "C.UTF-8",
-        },
+        env=set_ansible(tmp_path),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
