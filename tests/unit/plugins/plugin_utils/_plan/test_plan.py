@@ -6,7 +6,10 @@
 from ipaddress import IPv4Address
 
 import pytest
-from fleets import COMPANION, ONE, SEALED, fig12, plan, sealed
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.read import read_fleet
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
+from counted import count_lines
+from fleets import COMPANION, ONE, SEALED, behind_gateways, fig12, plan, sealed
 
 AT = IPv4Address("192.168.1.40")
 EVERY = {"net.ipv4.icmp_echo_ignore_broadcasts": "0", "net.ipv4.conf.all.arp_ignore": "3"}
@@ -54,3 +57,17 @@ def test_nothing_is_planned_on_a_sealed_computer():
 def test_each_kind_of_computer_has_its_kernel_settings(computer, expected):
     """The table of docs/start/multi_computer.md says them in words."""
     assert {entry.name: entry.value for entry in fig12().computers[computer].sysctl} == expected
+
+
+def make_plan(inventory):
+    return fleet_plan(read_fleet(inventory))
+
+
+@pytest.mark.slow
+def test_twice_the_computers_are_twice_the_work():
+    make_plan(behind_gateways(8))  # what is kept after the first plan
+    small, large = (count_lines(make_plan, behind_gateways(computers)) for computers in (96, 192))
+    assert large["_inventory"] / small["_inventory"] < 2.1  # all is read and compared
+    # Each gateway has a route to each other robot, and each discovery node knows it: pairs of robots.
+    assert large["_plan"] / small["_plan"] < 3
+    assert sum(large.values()) / sum(small.values()) < 2.3
