@@ -41,7 +41,9 @@ def summarize(results: Mapping[str, Sequence[Result]], check: bool, lost: Collec
     lines = {
         computer: REFUSED
         if computer in refused
-        else "; ".join(filter(None, (describe(tasks), *_describe_restarts(tasks, check))))
+        else "; ".join(
+            filter(None, (describe(tasks), *_describe_restarts(tasks, check), *_describe_start(tasks, check)))
+        )
         for computer, tasks in results.items()
     }
     notes = [f"  {computer}: {line}" for computer, line in lines.items() if line]
@@ -98,12 +100,7 @@ def _describe_restarts(results: Sequence[Result], check: bool) -> Iterator[str]:
         if file.get("state") in ("written", "edited") and isinstance(file.get("path"), str)
     }
     reasons: dict[str, list[str]] = {}
-    restarted = {
-        unit.get("name")
-        for run in _list_runs(results, "managed_services")
-        for unit in _list_records(run, "units")
-        if isinstance(unit.get("name"), str) and unit.get("state") == "restarted"
-    }
+    restarted = _name_units(results, "restarted")
     for name in ("multicast-routing", *OTHERS, *NODES):
         if f"multimaster-{name}.service" in restarted:
             reasons.setdefault(_find_reason(name, written), []).append(f"multimaster-{name}")
@@ -116,6 +113,23 @@ def list_removed(results: Sequence[Result]) -> set[str]:
     """List the services of ours that a run has taken back."""
     names = (run.get("removed") for run in _list_runs(results, "managed_services"))
     return {str(name) for some in names if isinstance(some, (list, tuple)) for name in some}
+
+
+def _describe_start(results: Sequence[Result], check: bool) -> Iterator[str]:
+    """Yield what a person does on a computer whose roscore this run has started: it knows no node of before."""
+    if "multimaster-roscore.service" in _name_units(results, "started"):
+        action = "would start" if check else "started"
+        yield f"{action} the roscore: it knows none of your nodes that run already, so end them, and start them again in a new login"
+
+
+def _name_units(results: Sequence[Result], state: str) -> set[str]:
+    """Name the units that have this state now."""
+    return {
+        unit["name"]
+        for run in _list_runs(results, "managed_services")
+        for unit in _list_records(run, "units")
+        if isinstance(unit.get("name"), str) and unit.get("state") == state
+    }
 
 
 def _find_reason(service: str, written: Collection[str]) -> str:

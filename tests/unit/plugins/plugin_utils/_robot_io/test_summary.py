@@ -5,6 +5,7 @@
 
 import random
 
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import LINE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import summary
 from mentioned import mentions
 
@@ -78,6 +79,16 @@ def test_services_that_restart_are_told_with_the_reason():
     ]
     (line,) = summary.summarize({"a": [relay]}, False)[1:]
     assert mentions(line, "restarted multimaster-relay")
+
+
+def test_a_roscore_that_starts_knows_no_node_of_before():
+    new = restarting([unit("roscore", "started"), unit("sync", "started")], [])
+    (line,) = summary.summarize({"a": [new]}, False)[1:]
+    assert mentions(line, "services; started the roscore", "start them again in a new login") and len(line) < LINE
+    (line,) = summary.summarize({"a": [new]}, True)[1:]
+    assert mentions(line, "would start the roscore")
+    (line,) = summary.summarize({"a": [restarting([unit("roscore")], [])]}, False)[1:]
+    assert "login" not in line  # it keeps its registrations
 
 
 def test_a_failure_is_told_beside_what_changed_before():
