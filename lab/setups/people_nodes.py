@@ -68,6 +68,20 @@ FILTERED = Wrong(
 )
 
 
+def _forget() -> Wrong:
+    """Take all registrations of a node out of its roscore, as after another one was started in its place."""
+    call = (
+        'import os, xmlrpc.client as x; m = x.ServerProxy(os.environ[\\"ROS_MASTER_URI\\"]); n = \\"/$name\\"; u = m.lookupNode(n, n)[2]; '
+        "p, s, v = [[t for t, users in table if n in users] for table in m.getSystemState(n)[2]]; "
+        "[m.unregisterPublisher(n, t, u) for t in p]; [m.unregisterSubscriber(n, t, u) for t in s]; "
+        "[m.unregisterService(n, t, m.lookupService(n, t)[2]) for t in v]"
+    )
+    return Wrong("is registered at no roscore", after=f"bash -lc \"python3 -c '{call}'\"")
+
+
+FORGOTTEN = _forget()
+
+
 def use_roscore(uri: str, title: str, *, registers: bool = True) -> Wrong:
     """Make a node use a roscore."""
     return Wrong(title, {"ROS_MASTER_URI": uri}, registers=registers)

@@ -643,6 +643,18 @@ node_hosts:
           if the roscore is the planned one.', version_added: 1.1.0, type: str}
     person: {description: The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.,
         version_added: 1.1.0, type: str}
+    pid: {description: The number of the process., type: int}
+    topics: {description: 'Some topics that it publishes, of a node in RV(unregistered) alone, 4 at most.', type: list, elements: str}
+unregistered:
+  description: The nodes on this computer that are registered nowhere at the roscore of its robot, as after it was
+    started anew.
+  version_added: 1.1.0
+  returned: when O(action=collect)
+  type: dict
+  contains:
+    nodes: {description: 'The processes that answer as nodes do, as RV(node_hosts).', type: list, elements: dict}
+    unknown: {description: 'How many processes of ROS listen, and have no port that is registered.', type: int}
+    asked: {description: How many of them were asked whether they are nodes., type: int}
 changes:
   description: When files were changed and services were started that may decide names and packet filters. A change
     of a kernel by hand has no time.

@@ -379,6 +379,9 @@ def ghost(state, random, one):
     return state.with_robot(state.fleet.computers[one.name].robot, ghosts=("/killed",))
 
 
+STARTERS = ("shell", "unit", "launch", "container")
+
+
 def _node_name(state):
     return f"/odom_pub{sum(len(its.people) for its in state.robots.values())}"
 
@@ -402,7 +405,7 @@ def wrong_host(*hosts):
     def choose(state, random, plan):
         host = random.choice(hosts)
         source = "ROS_IP" if host[0].isdigit() else "ROS_HOSTNAME"
-        return {"host": host, "source": source, "starter": random.choice(("shell", "unit", "launch", "container"))}
+        return {"host": host, "source": source, "starter": random.choice(STARTERS)}
 
     return choose
 
@@ -581,6 +584,11 @@ FAULTS = (
     Fault("a node at loopback", start(wrong_host("127.0.0.1", "127.0.1.1", "localhost")), (("node", "loopback"),)),
     Fault("a node with another name", start(wrong_host("laptop7", "ubuntu-2")), (("node", "name"),)),
     Fault("a node with another address", start(wrong_host("10.9.8.7", "192.168.77.3")), (("node", "address"),)),
+    Fault(
+        "a node without a registration",
+        start(lambda _state, random, _plan: {"starter": random.choice(STARTERS)}, registered=False),
+        (("node", "unregistered"),),
+    ),
     Fault("a node with the place of another robot", start(other_computer), (("node", "name"), ("node", "address"))),
     Fault("a node at docker0", on(with_ros, docker), (("node", "interface"),)),
     Fault("a node at the roscore of another robot", start(other_roscore), (("node", "robot"),)),

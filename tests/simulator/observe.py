@@ -127,6 +127,7 @@ def _probe(state, network, ros, name, started):
         talker=seen.Talker(talks, "" if talks else missing or "ERROR: Unable to communicate with master!"),
         ros_missing=missing,
         node_hosts=people.processes(state, name),
+        unregistered=people.unregistered(ros, name),
     )
 
 

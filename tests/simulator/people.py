@@ -83,6 +83,29 @@ def _connect(ros, computer, node, port):
     return "timed out" if node.host[0].isdigit() else "Name or service not known"
 
 
+def unregistered(ros, computer):
+    """The nodes of a computer that are registered nowhere, if its roscore answers."""
+    state, answers = ros.state, not ros.asks(computer)[0]
+    lone = [
+        seen.NodeHost(
+            node.host,
+            node.source,
+            UNITS.get(node.starter, "session-4.scope"),
+            (port,),
+            node.name.rpartition("/")[2],
+            starter=node.starter,
+            pid=port,
+            topics=(f"/people{node.name}",),
+        )
+        for node, port in _nodes(state).items()
+        if answers
+        and node.computer == computer
+        and not node.registered
+        and not (node.master or node.hung or node.apart)
+    ]
+    return seen.UnregisteredNodes(tuple(lone), len(lone), len(lone))
+
+
 def processes(state, computer):
     """The processes of nodes on a computer that are not as planned."""
     found = []

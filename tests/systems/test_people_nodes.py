@@ -14,6 +14,7 @@ from setups.people_nodes import (
     BRIDGED_AS_COMPUTER,
     DOCKER,
     FILTERED,
+    FORGOTTEN,
     GONE,
     HUNG,
     announce,
@@ -24,6 +25,7 @@ from setups.people_nodes import (
 FIRST, SECOND = "kobuki1computer", "kobuki2computer"
 #: name of the node -> its computer, what starts it, what is wrong, and the part that says it: kind, mode, place
 NODES = {
+    "forgotten": (FIRST, "shell", FORGOTTEN, ("node", "unregistered", FIRST)),
     "loopback": (FIRST, "shell", announce("127.0.0.1", "", "ROS_IP"), ("node", "loopback", FIRST)),
     "launched": (FIRST, "launch", announce("localhost", ""), ("node", "loopback", FIRST)),
     "boxed": (FIRST, "container", announce("laptop-of-bob", ""), ("node", "name", FIRST)),

@@ -150,6 +150,23 @@ MORE = {
             ("?", "?", "?"),
         )
     ],
+    "unregistered": {
+        "nodes": [
+            {
+                "node": "?",
+                "host": "?",
+                "unit": "?",
+                "starter": starter,
+                "launch": "?",
+                "ports": [41233],
+                "pid": 7,
+                "topics": ["?"],
+            }
+            for starter in ("shell", "unit", "launch", "container", "?")
+        ],
+        "unknown": 5,
+        "asked": 5,
+    },
     "disks": [{"path": "?", "free_bytes": 0, "free_files": 0}],
     "default_routes": [{"device": "?", "gateway": "?", "metric": "?"}],
 }

@@ -189,6 +189,22 @@ class NodeHost(Struct):
         "",
         added="1.1.0",
     )
+    pid: int = field("The number of the process.", 2314)
+    topics: typing.Tuple[str, ...] = field(
+        "Some topics that it publishes, of a node in RV(unregistered) alone, 4 at most.", ["/battery"]
+    )
+
+
+class UnregisteredNodes(Struct):
+    """The nodes on a computer that are registered at no roscore, though they use the planned one."""
+
+    nodes: typing.Tuple[NodeHost, ...] = field("The processes that answer as nodes do, as RV(node_hosts).")
+    unknown: int = field(
+        "How many processes of ROS listen, and have no port that is registered. Some programs are no nodes.", 1
+    )
+    asked: int = field(
+        "How many of them were asked whether they are nodes. Of more than 48, one of every so many is.", 1
+    )
 
 
 class ContainerNames(Struct):

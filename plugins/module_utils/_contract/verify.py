@@ -6,7 +6,17 @@
 import typing
 
 from .clock import ClockState
-from .computer import BootDeviation, ContainerNames, Disk, FileLimit, FullProcess, NodeHost, RecentChange, ServiceState
+from .computer import (
+    BootDeviation,
+    ContainerNames,
+    Disk,
+    FileLimit,
+    FullProcess,
+    NodeHost,
+    RecentChange,
+    ServiceState,
+    UnregisteredNodes,
+)
 from .fields import Struct, field
 from .network import Claim, DefaultRoute, ForwardingSettings, PolicyRouting, SeenMaster, SeenMember
 from .ros import (
@@ -98,6 +108,10 @@ class Probe(Struct, returned="when O(action=collect)"):
         "Processes of ROS on this computer that announce another host than its planned name and addresses, use another roscore than "
         "planned, or are stopped, and those of which this cannot be read, 100 at most. A node announces the host of C(ROS_HOSTNAME) or "
         "C(ROS_IP), or else the name of the computer.",
+        added="1.1.0",
+    )
+    unregistered: UnregisteredNodes = field(
+        "The nodes on this computer that are registered nowhere at the roscore of its robot, as after it was started anew.",
         added="1.1.0",
     )
     changes: typing.Tuple[RecentChange, ...] = field(

@@ -27,7 +27,7 @@ from .measure import (
 )
 from .options import Params
 from .part import Part
-from .ros_client import node_processes
+from .people import node_processes, unregistered
 from .ros_client import ros as ros_commands
 from .ros_client.ros import Ros
 
@@ -149,6 +149,12 @@ def look_node_hosts(params: Params, ros: Ros) -> typing.List[Result]:
     return node_processes.node_hosts(params["members"], params["name"], master)
 
 
+def look_unregistered(params: Params, ros: Ros) -> Result:
+    """Look for people's nodes that are registered at no roscore."""
+    master = environment(params, ros).get("ROS_MASTER_URI", "")
+    return unregistered.find_unregistered(ros, params["members"], params["name"], master)
+
+
 _ALL = ("params", "ros", "deadline")
 PARTS = (
     # first: it waits most
@@ -198,6 +204,7 @@ PARTS = (
         ("members",),
     ),
     Part("node_hosts", look_node_hosts, ("params", "ros")),
+    Part("unregistered", look_unregistered, ("params", "ros")),
     Part("ros_missing", Ros.problem, ("ros",), unseen=UNSEEN),
     Part("next_boot", look_next_boot, ("services", "boot"), on_router=True),
     Part("services", look_services, ("params", "ros")),

@@ -54,6 +54,20 @@ NODES: Mapping[Key, Fault] = {
         read=READ,
         why="tutorials advise people to write them into ~/.bashrc",
     ),
+    ("node", "unregistered"): Fault(
+        "RF-502",
+        "nodes on {place} are registered at no roscore, so no other node knows them: {what}; mostly they ran before the roscore of now was started",
+        do=(
+            hand(
+                "end them on {place}, and start them again in a new login, in their unit, launch file or container: a node registers only "
+                "when it starts"
+            ),
+        ),
+        look=(on("rosnode list; ss -ltnp", "the first does not list them, the second has their ports"),),
+        what="see rosnode list",
+        read=ALWAYS,
+        why="the node answers, and the roscore has no registration of its ports",
+    ),
     ("node", "loopback"): _node(
         1, "on {place} {what}, an address at which no other computer reaches it", "a node announces 127.0.0.1"
     ),

@@ -65,6 +65,7 @@ def served(roscore):
     """The URI of a roscore over a real socket."""
     server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
     server.register_instance(roscore)
+    server.register_multicall_functions()
     thread = threading.Thread(target=server.serve_forever, args=(0.05,))
     thread.start()
     try:

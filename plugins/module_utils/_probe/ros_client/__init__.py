@@ -11,7 +11,6 @@ __all__ = (
     "message_types",
     "node",
     "node_hosts",
-    "node_processes",
     "node_services",
     "ros",
     "tcpros",

@@ -23,13 +23,13 @@ class _Transport(xmlrpc.client.Transport):
 
     accept_gzip_encoding = False
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, limit: float) -> None:
         xmlrpc.client.Transport.__init__(self)
-        self._most = most
+        self._most, self._limit = most, limit
 
     def make_connection(self, host: typing.Any) -> typing.Any:
         connection = xmlrpc.client.Transport.make_connection(self, host)
-        connection.timeout = stretch(CALL)
+        connection.timeout = stretch(self._limit)
         return connection
 
     def single_request(
@@ -37,7 +37,7 @@ class _Transport(xmlrpc.client.Transport):
     ) -> typing.Any:
         connection = self.make_connection(host)
         # The socket's own limit begins again with each byte.
-        limit = stretch(CALL)
+        limit = stretch(self._limit)
         deadline = time.monotonic() + limit
         timer = threading.Timer(limit, _cut, (connection,))
         timer.daemon = True
@@ -62,15 +62,15 @@ class _Transport(xmlrpc.client.Transport):
         while True:
             piece = answer.read1(1 << 16)
             if time.monotonic() > deadline:
-                raise socket.timeout(f"no whole answer within {stretch(CALL):g} s")
+                raise socket.timeout(f"no whole answer within {stretch(self._limit):g} s")
             if not piece:
                 return document.close()[0]
             document.feed(piece)
 
 
-def server(uri: str, most: int = ANSWER) -> typing.Any:
-    """Return an XML-RPC server that is asked with limits; an answer may have `most` bytes."""
-    return xmlrpc.client.ServerProxy(uri, transport=_Transport(most))
+def server(uri: str, most: int = ANSWER, limit: float = CALL) -> typing.Any:
+    """Return an XML-RPC server that is asked with limits; an answer may have `most` bytes, and take `limit` seconds at the usual pace."""
+    return xmlrpc.client.ServerProxy(uri, transport=_Transport(most, limit))
 
 
 class Strange(OSError):

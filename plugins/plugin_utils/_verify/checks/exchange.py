@@ -12,6 +12,7 @@ from itertools import islice
 from ..._base.sentences import shorten_list
 from ..components.component import Component
 from ..context import needs, stages
+from ..context.announcements import Misplaced
 from ..context.check_context import CheckContext
 from ..context.needs import Components, join_components, make_components
 from ..context.registrations import RELAY, TEST_NODES, Clash, Conflict, RegisteredItem
@@ -60,8 +61,17 @@ def _judge_node_hosts(context: CheckContext) -> Judgement:
 def _judge_node_roscores(context: CheckContext) -> Judgement:
     strays = context.state.strays.get(context.observer.name, [])
     components = frozenset(one.component for one in strays)
-    found = shorten_list(map(str, strays), NAMED)
-    return judge_fault(WARNING, "the roscore of the robot", found, "only that", components)
+    found = shorten_list(map(_describe_stray, strays), NAMED)
+    scan = context.observer.probe.unregistered
+    sample = (
+        f"; {scan.asked} of {scan.unknown} processes were asked, which is a sample" if scan.asked < scan.unknown else ""
+    )
+    told = f"{found}{sample}" if found else ""
+    return judge_fault(WARNING, "registered at the roscore of the robot", told, f"only such{sample}", components)
+
+
+def _describe_stray(one: Misplaced) -> str:
+    return f"{one} is registered at no roscore" if one.mode == "unregistered" else str(one)
 
 
 # Registered nodes

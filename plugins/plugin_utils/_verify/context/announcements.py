@@ -37,7 +37,18 @@ class Misplaced(NamedTuple):
     refused: tuple[tuple[str, str], ...] = ()  # the robots whose sync nodes refuse it, each with its reason
 
     def __str__(self) -> str:
+        if self.mode == "unregistered":
+            return f"{self.node} ({', '.join(self._list_signs())})"
         return f"{self.node} {self._deed}{self._origin}{self._refusal}"
+
+    def _list_signs(self) -> Iterable[str]:
+        """Yield by what a person finds a process without a registration."""
+        process = self.process
+        yield f"process {process.pid}"
+        if process.topics:
+            yield f"publishes {shorten_list(process.topics, NAMED)}"
+        if process.unit:
+            yield f"in {process.unit}"
 
     @property
     def _deed(self) -> str:
@@ -161,7 +172,7 @@ def _find_apart(seen: _Fleet, robot: str, silences: Iterable[SilentNode]) -> dic
 def find_strays(
     fleet: FleetPlan, probes: Mapping[str, Probe], misplaced: Mapping[str, Mapping[str, Misplaced]]
 ) -> dict[str, list[Misplaced]]:
-    """Find the processes with another roscore than their robot's, if that does not report them itself: computer -> processes."""
+    """Find the processes with another roscore than their robot's, if that does not report them itself, or with none: computer -> processes."""
     seen = _Fleet(fleet, probes)
     reported = {(one.computer, one.process) for nodes in misplaced.values() for one in nodes.values()}
     found: dict[str, list[Misplaced]] = {}
@@ -173,6 +184,9 @@ def find_strays(
                 mode = "robot" if robot and robot != fleet.computers[computer].robot else "master"
                 one = Misplaced(process.node, process.host, mode, computer, process, robot)
                 found.setdefault(computer, []).append(one)
+        for process in probe.unregistered.nodes:
+            one = Misplaced(process.node, process.host, "unregistered", computer, process)
+            found.setdefault(computer, []).append(one)
     return found
 
 

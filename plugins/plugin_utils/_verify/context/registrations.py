@@ -24,6 +24,8 @@ from ..observe.uris import normalise_uri
 
 MOST = 20_000  # registrations of a robot that are compared: of another one, the nodes take 5,000
 RELAY = "/master_relay"  # the check of the relay judges its topics
+#: the nodes that the collection starts, or its provider, and the one of each roscore
+COLLECTION = frozenset(("/master_discovery", "/master_sync", "/mas_discovery", "/mas_sync", RELAY, "/rosout"))
 TEST_NODES = "/multimaster_verify_"  # the beginning of the names of the verification's own nodes
 #: Types of topics on which each message says of whom it is: many nodes of a single robot publish them, too.
 MEANT_FOR_MANY = (

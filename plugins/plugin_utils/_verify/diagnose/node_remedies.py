@@ -45,8 +45,30 @@ def _describe(one: Misplaced, computer: Participant | None) -> Advices:
     starter = _STARTERS.get(one.process.starter)
     if starter is None or computer is None:
         return ()
+    if one.mode == "unregistered":
+        return _start_again(one, computer)
     found = starter(one, computer)
     return found if one.process.readable or not found else (*found, Advice(HANDS, UNREAD))
+
+
+def _start_again(one: Misplaced, computer: Participant) -> Advices:
+    """Say how to end a node and to start it again: it registers only when it starts."""
+    process = one.process
+    where = f" ({process.unit})" if process.unit else ""
+    if process.starter == "unit":
+        restart = advice.of_unit(process.person, "{systemctl} restart {unit}", process.unit)
+        return (Advice(computer.name, restart, f"the unit has started {one.node}"),) if restart else ()
+    if process.starter == "launch":
+        file = process.launch or "the launch file"
+        words = (
+            f"end roslaunch with {file} on {computer.name}{where}, and start it again in a new login, or by its unit"
+        )
+        return (Advice(HANDS, words),)
+    if process.starter == "container":
+        return (Advice(HANDS, f"restart the container of {one.node} on {computer.name}{where}, as by docker restart"),)
+    effect = f"ends {one.node}{where}; then start it again in a new login, or in its shell after: {PROFILE}"
+    end = advice.command("kill {}", ("number", process.pid))
+    return (Advice(computer.name, end, effect),)
 
 
 def _unset(one: Misplaced) -> str:

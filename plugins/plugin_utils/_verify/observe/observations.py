@@ -24,6 +24,7 @@ from ....module_utils._contract.computer import (
     RecentChange,
     RefusedName,
     ServiceState,
+    UnregisteredNodes,
 )
 from ....module_utils._contract.multicast import (
     DatagramCounts,
@@ -116,6 +117,7 @@ __all__ = [
     "Multicast",
     "NodeCount",
     "NodeHost",
+    "UnregisteredNodes",
     "NodeParameters",
     "Observation",
     "IgnoredSender",

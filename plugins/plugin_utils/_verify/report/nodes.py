@@ -12,9 +12,9 @@ from typing import Any
 from ..._base.sentences import shorten_list
 from ..._plan.model import FleetPlan
 from ..context.announcements import Misplaced, find_misplaced, find_strays
-from ..context.registrations import TEST_NODES
+from ..context.registrations import COLLECTION, TEST_NODES
 from ..context.ways import Ways
-from ..observe.observations import NodeHost, Observation, Probe, SilentNode
+from ..observe.observations import Exchange, NodeHost, Observation, Probe, SilentNode
 from ..observe.outcomes import Outcome
 
 HEADINGS = ("node", "computer", "announces", "started by", "at the roscore of", "answers", "refused by")
@@ -38,7 +38,7 @@ def list_nodes(fleet: FleetPlan, observations: Mapping[str, Observation]) -> dic
         roscores.append(_count_nodes(robot, probe, ways))
         odd += _list_odd(robot, probe, misplaced.get(robot, {}), ways)
     strays = find_strays(fleet, probes, misplaced)
-    odd += [_make_row(one, "", "") for nodes in strays.values() for one in nodes]
+    odd += [_make_stray_row(one) for nodes in strays.values() for one in nodes]
     return {"roscores": roscores, "odd": odd[:MOST], "left_out": max(0, len(odd) - MOST)}
 
 
@@ -50,7 +50,15 @@ def _count_nodes(robot: str, probe: Probe, ways: Ways) -> Row:
         computers[ways.name_at(entry.host) or entry.host or "no host"] += entry.nodes
     silent = sum(not node.startswith(TEST_NODES) for node in probe.exchange.silent)
     counts = {"registered": nodes.registered, "asked": nodes.asked, "silent": silent}
+    counts["people"] = len(_name_people_nodes(probe.exchange))
     return {"robot": robot, **counts, "computers": dict(sorted(computers.items()))}
+
+
+def _name_people_nodes(exchange: Exchange) -> set[str]:
+    """Name the robot's own nodes that neither the collection nor the verification has started."""
+    of_topics = {node for topic in exchange.topics for node in (*topic.publishers, *topic.subscribers)}
+    names = of_topics | {service.node for service in exchange.services}
+    return {name for name in names - COLLECTION if not name.startswith(TEST_NODES)}
 
 
 def _list_odd(robot: str, probe: Probe, misplaced: Mapping[str, Misplaced], ways: Ways) -> Iterator[Row]:
@@ -77,6 +85,15 @@ def _make_row(one: Misplaced, robot: str, silence: str) -> Row:
     }
 
 
+def _make_stray_row(one: Misplaced) -> Row:
+    row = _make_row(one, "", "")
+    return (
+        {**row, "node": f"{one.node} (process {one.process.pid})", "roscore": "none", "answers": "yes"}
+        if one.mode == "unregistered"
+        else row
+    )
+
+
 def _describe_start(process: NodeHost) -> str:
     words = [word for word in (process.starter, process.launch, process.unit) if word]
     return f"{words[0]}: {', '.join(words[1:])}" if len(words) > 1 else "".join(words)
@@ -100,8 +117,11 @@ def describe_nodes(nodes: Mapping[str, Any]) -> str:
     counts = shorten_list((f"{entry['robot']} {entry['registered']}" for entry in roscores), 8)
     sample = f"; {asked} of them were asked, which is a sample" if asked < total else ""
     number = len(nodes["odd"]) + nodes["left_out"]
-    well = "all answer, at places of their robots." if not number else f"something is wrong with {number} of them:"
-    return f"{total} ({counts}){sample}: {well}"
+    if any(entry["people"] for entry in roscores):
+        well = "all answer, at places of their robots." if not number else f"something is wrong with {number} of them:"
+        return f"{total} ({counts}){sample}: {well}"
+    well = "all answer." if not number else f"something is wrong with {number}:"
+    return f"{total} ({counts}), all of the collection: no node of yours is registered{sample}; {well}"
 
 
 def list_cells(nodes: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:

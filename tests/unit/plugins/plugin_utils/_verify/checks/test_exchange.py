@@ -5,9 +5,15 @@
 
 import time
 from collections import Counter
+from dataclasses import replace
 
 import pytest
-from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, UNKNOWN, WARNING
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import (
+    FAILED,
+    OK,
+    UNKNOWN,
+    WARNING,
+)
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.exchange import MOST_COMPONENTS
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import (
     AnnouncedHost,
@@ -24,6 +30,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     SilentNode,
     TopicPublisher,
     UnreachedNode,
+    UnregisteredNodes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import (
@@ -507,6 +514,29 @@ def test_a_process_with_a_roscore_of_no_robot_is_told():
     assert mentions(finding.sentence(), "roscore", "http://old-pc:11311/", "ROS_MASTER_URI", "odom.service")
     (command,) = [one.text for one in finding.do]
     assert "systemctl restart odom.service" in command and "UnsetEnvironment" not in command
+
+
+def _lone(pid, node="driver.py", unknown=1, asked=1, **more):
+    topics = ("/battery", "/imu")
+    process = NodeHost(TWO, "ROS_HOSTNAME", "session-4.scope", (41233,), node, starter="shell", pid=pid, topics=topics)
+    return UnregisteredNodes((replace(process, **more),), unknown, asked)
+
+
+def test_a_node_that_is_registered_nowhere_is_told_with_its_process():
+    (finding,) = diagnosed(lambda seen: update(seen[TWO].probe, unregistered=_lone(2314))).findings
+    assert finding.component[:3] == ("node", TWO, "unregistered") and (finding.verdict, finding.sure) == (
+        WARNING,
+        "seen",
+    )
+    assert mentions(
+        finding.sentence(), TWO, "no roscore", "driver.py (process 2314, publishes /battery, /imu, in session-4.scope)"
+    )
+
+
+def test_that_only_some_processes_were_asked_is_said():
+    rows = evaluate(lambda seen: update(seen[TWO].probe, unregistered=UnregisteredNodes((), 100, 34)))
+    (row,) = [one for one in rows if (one.check, one.observer) == ("node_roscores", TWO)]
+    assert row.verdict == OK and "34 of 100 processes were asked" in row.found
 
 
 def test_a_node_at_the_roscore_of_another_robot_is_a_warning():

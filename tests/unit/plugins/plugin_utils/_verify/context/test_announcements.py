@@ -14,6 +14,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     NodeHost,
     RefusedName,
     SilentNode,
+    UnregisteredNodes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import TWO, fig12, observed, of, plan, update
@@ -180,3 +181,14 @@ def test_a_node_in_a_network_of_its_own_is_not_on_the_computer_that_it_announces
     update(seen[computer].probe, node_hosts=[_process(INNER, **more)])
     told = find_misplaced(fleet, {name: one.probe for name, one in seen.items()}).get("tibi", {})
     assert [(one.mode, one.computer) for one in told.values()] == ([("network", INNER)] if found else [])
+
+
+def test_a_node_without_a_registration_is_told_by_its_process_alone():
+    seen = observed(fig12())
+    update(
+        seen[INNER].probe,
+        unregistered=UnregisteredNodes([_process(INNER, pid=7), _process(INNER, pid=8, topics=("/odom",))], 2, 2),
+    )
+    (first, second) = find_strays(fig12(), {name: one.probe for name, one in seen.items()}, {})[INNER]
+    assert (first.mode, first.computer, str(first)) == ("unregistered", INNER, "odom (process 7, in session-4.scope)")
+    assert str(second) == "odom (process 8, publishes /odom, in session-4.scope)"

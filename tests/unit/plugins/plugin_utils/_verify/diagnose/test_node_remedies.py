@@ -10,6 +10,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     AnnouncedHost,
     NodeHost,
     SilentNode,
+    UnregisteredNodes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from fleets import TWO, diagnosed, update
@@ -167,3 +168,33 @@ def test_a_node_in_a_network_of_its_own_gets_that_of_the_computer(starter, word)
     (finding,) = diagnosed(change).findings
     assert (finding.component.kind, finding.component.mode) == ("node", "network")
     assert word in write_advices(finding.do)
+
+
+@pytest.mark.parametrize(
+    ("process", "words"),
+    [
+        ({"starter": "shell"}, [f"on {TWO}: kill 2314", "(session-4.scope)", "in a new login"]),
+        ({"starter": "unit", "unit": "odom.service"}, [f"on {TWO}: systemctl restart odom.service"]),
+        ({"starter": "unit", "unit": "odom.service", "person": "ann"}, ["systemctl --user restart odom.service"]),
+        ({"starter": "unit", "unit": "$(reboot).service"}, ["a node registers only when it starts"]),
+        ({"starter": "launch", "launch": "robot.launch"}, [f"end roslaunch with robot.launch on {TWO}"]),
+        (
+            {"starter": "container", "unit": "docker-77.scope"},
+            [f"restart the container of base on {TWO} (docker-77.scope)"],
+        ),
+        ({"starter": "?"}, ["a node registers only when it starts"]),
+    ],
+)
+def test_a_node_without_a_registration_is_started_again(process, words):
+    values = {
+        "host": TWO,
+        "source": "ROS_HOSTNAME",
+        "unit": "session-4.scope",
+        "ports": (4,),
+        "node": "base",
+        "pid": 2314,
+    }
+    nodes = UnregisteredNodes((NodeHost(**{**values, **process}),), 1, 1)
+    (finding,) = diagnosed(lambda seen: update(seen[TWO].probe, unregistered=nodes)).findings
+    remedy = write_advices(finding.do)
+    assert [word for word in words if word not in remedy] == [], remedy

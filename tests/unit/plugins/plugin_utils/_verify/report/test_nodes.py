@@ -10,6 +10,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.obser
     NodeCount,
     NodeHost,
     SilentNode,
+    UnregisteredNodes,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.nodes import (
@@ -18,7 +19,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.repor
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.summary import summarise
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.report.terminal import render
-from fleets import ONE, TWO, observed, plan, update
+from fleets import ONE, TWO, observed, plan, topic, update
 from mentioned import mentions
 
 
@@ -82,3 +83,24 @@ def test_thousands_of_odd_nodes_fit_into_the_terminal():
 
     lines = _print(_list(change)).splitlines()
     assert len(lines) < 30 and max(map(len, lines)) <= 160 and lines[-1].startswith("  and 880 more")
+
+
+def _end(seen):
+    """Only the collection's own nodes are left."""
+    for computer in (ONE, TWO):
+        update(seen[computer].probe.exchange, services=(), topics=[topic("/rosout", "rosgraph_msgs/Log", ["/rosout"])])
+
+
+def test_that_no_node_is_of_a_person_is_said():
+    assert mentions(describe_nodes(_list(_end)), "7", "all of the collection: no node of yours is registered")
+    assert "of the collection" not in describe_nodes(_list())
+
+
+def test_a_node_without_a_registration_has_a_row():
+    def change(seen):
+        process = NodeHost(TWO, "ROS_HOSTNAME", "driver.service", (4,), "driver.py", starter="unit", pid=7)
+        update(seen[TWO].probe, unregistered=UnregisteredNodes((process,), 1, 1))
+
+    first, _headings, row = _print(_list(_end, change)).splitlines()[:3]
+    assert first.endswith("no node of yours is registered; something is wrong with 1:")
+    assert mentions(row, "driver.py (process 7)", TWO, "unit: driver.service", "none", "yes")

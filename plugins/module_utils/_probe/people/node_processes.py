@@ -19,7 +19,7 @@ from ..._base.commands import run, text
 from ..._base.deadlines import stretch
 from ..._base.plain_text import LONGEST, is_plain, plain
 from ..._machine import ports
-from .node_hosts import MOST, Members, Row, list_hosts
+from ..ros_client.node_hosts import MOST, Members, Row, list_hosts
 
 LOOPBACK = ("localhost", "localhost.localdomain", "ip6-localhost", "ip6-loopback", "127.0.0.1", "127.0.1.1", "::1")
 ROSCORE_PORT = 11311  # of a URI without a port (rosgraph.rosenv)
@@ -33,7 +33,10 @@ _STARTERS = re.compile(r"(?:user@\d+|sshd?(?:@.*)?|getty@.*|cron)\.service\Z")  
 #: units of containers, of which some share the numbers of processes with the computer
 _CONTAINERS = re.compile(r"(?:docker|libpod|cri-containerd|crio|nerdctl|lxc|machine)-.*\.scope\Z")
 _FILES = re.compile(r"EnvironmentFiles=(/.*) \(ignore_errors=(?:yes|no)\)\Z")  # as systemctl shows one
-_OURS = re.compile(r"multimaster-[a-z-]+\.service\Z")  # checks of their own look at these
+#: units of the collection: checks of their own look at these
+_OURS = re.compile(r"(?:multimaster-[a-z-]+|rosfleet-foreign-[0-9a-f]+)\.service\Z")
+_PYTHON = re.compile(r"python[\d.]*\Z")
+_FLAGS = ("-u", "-B", "-O", "-s", "-E", "-I")  # of Python, without a value behind them
 
 
 def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc") -> typing.List[Row]:
@@ -46,9 +49,9 @@ def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc"
     planned = Planned(members, own, master)
     sockets, units = Sockets(proc), Units()
     found = []
-    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
+    for process in list_processes(proc):
         try:
-            row = _look(pid, planned, sockets, units, proc)
+            row = _look(process, planned, sockets, units, proc)
         except OSError:  # it has ended
             continue
         if row is not None:
@@ -56,6 +59,51 @@ def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc"
         if len(found) == MOST:
             break
     return found
+
+
+class Process(typing.NamedTuple):
+    """A process of ROS that is none of the collection."""
+
+    pid: int
+    words: typing.List[str]  # of its command line
+    variables: typing.Dict[str, str]
+    is_read: bool  # whether its variables may be read here
+    unit: str
+    person: str  # whose own manager has this unit; empty for a unit of the computer
+    contained: bool
+
+    @property
+    def arguments(self) -> typing.Dict[str, str]:
+        """The special arguments of a node (__name:=talker), by their names."""
+        return dict(word.partition(":=")[::2] for word in self.words if word.startswith("__"))
+
+    @property
+    def master(self) -> str:
+        """The URI of the roscore that it uses; empty if none is set."""
+        return _find_master(self.arguments, self.variables)[0]
+
+
+def list_processes(proc: str = "/proc") -> typing.Iterator[Process]:
+    """List the processes of ROS that are none of the collection: they have ROS_MASTER_URI, or the name of a node among their words."""
+    for pid in sorted(int(name) for name in os.listdir(proc) if name.isdigit()):
+        try:
+            process = _read_process(pid, proc)
+        except OSError:  # it has ended
+            continue
+        if process is not None:
+            yield process
+
+
+def _read_process(pid: int, proc: str) -> typing.Optional[Process]:
+    words = _read_words(pid, proc)
+    variables, is_read = _read_environment(pid, proc)
+    if "ROS_MASTER_URI" not in variables and not any(word.startswith("__name:=") for word in words):
+        return None
+    groups = text(os.path.join(proc, str(pid), "cgroup"))
+    if _OURS.match(ports.unit(groups)):
+        return None
+    contained = _is_contained(pid, proc)
+    return Process(pid, words, variables, is_read, ports.unit(groups), plain(ports.person(groups), LONGEST), contained)
 
 
 class Planned:
@@ -130,49 +178,40 @@ def _find_network(proc: str, pid: str) -> str:
         return ""
 
 
-def _look(pid: int, planned: Planned, sockets: Sockets, units: "Units", proc: str) -> typing.Optional[Row]:
-    words = _read_words(pid, proc)
-    arguments = _read_arguments(words)
-    variables, is_read = _read_environment(pid, proc)
-    if "__name" not in arguments and "ROS_MASTER_URI" not in variables:
-        return None
-    groups, contained = text(os.path.join(proc, str(pid), "cgroup")), _is_contained(pid, proc)
-    unit = ports.unit(groups)
-    if _OURS.match(unit):
-        return None
-    host, source = _find_host(arguments, variables, contained, pid, proc) if is_read else ("", "")
-    master, master_source = _find_master(arguments, variables)
+def _look(process: Process, planned: Planned, sockets: Sockets, units: "Units", proc: str) -> typing.Optional[Row]:
+    pid, is_read = process.pid, process.is_read
     is_stopped, is_apart = processes.is_stopped(pid, proc), sockets.is_apart(pid)
-    if is_read and not is_stopped and not is_apart and planned.is_usual(host, master):
+    if is_read and not is_stopped and not is_apart and planned.is_usual(_find_host(process, proc)[0], process.master):
         return None
     own_ports = sockets.list_ports(pid) if is_read else []
     if is_read and not own_ports:
         return None
-    starter, launch = _find_starter(pid, unit, contained, proc)
-    person = ports.person(groups)
+    return dict(describe(process, planned, own_ports, units, proc), stopped=is_stopped, apart=is_apart)
+
+
+def describe(process: Process, planned: Planned, own_ports: typing.List[int], units: "Units", proc: str) -> Row:
+    """Describe a process, its starter, and what of it is not as planned."""
+    arguments, unit = process.arguments, process.unit
+    host, source = _find_host(process, proc) if process.is_read else ("", "")
+    master, master_source = _find_master(arguments, process.variables)
+    starter, launch = _find_starter(process.pid, unit, process.contained, proc)
     values = {source: host, master_source: master}
     wrong = {name: values[name] for name in planned.list_wrong(host, source, master, master_source)}
     return {
-        "node": plain(arguments.get("__name") or os.path.basename(_find_program(words)), LONGEST),
+        "pid": process.pid,
+        "node": plain(arguments.get("__name") or os.path.basename(_find_program(process.words)), LONGEST),
         "host": plain(host.lower(), LONGEST),
         "source": source,
         "master": "" if planned.is_master(master) else plain("http://{}:{}/".format(*_read_place(master)), LONGEST),
         "master_source": "" if planned.is_master(master) else master_source,
         "unit": unit,
-        "person": plain(person, LONGEST),
+        "person": process.person,
         "starter": starter,
         "launch": launch,
-        "of_unit": not (person and wrong) and _is_of_unit(starter, unit, wrong, units),
+        "of_unit": not (process.person and wrong) and _is_of_unit(starter, unit, wrong, units),
         "ports": own_ports[:MOST],
-        "stopped": is_stopped,
-        "readable": is_read,
-        "apart": is_apart,
+        "readable": process.is_read,
     }
-
-
-def _read_arguments(words: typing.Sequence[str]) -> typing.Dict[str, str]:
-    """Return the special arguments of a node (__name:=talker), by their names."""
-    return dict(word.partition(":=")[::2] for word in words if word.startswith("__"))
 
 
 def _read_environment(pid: int, proc: str) -> typing.Tuple[typing.Dict[str, str], bool]:
@@ -189,6 +228,9 @@ def _read_words(pid: int, proc: str) -> typing.List[str]:
 
 def _find_program(words: typing.Sequence[str]) -> str:
     """Return the program among the words of a process: it may be a script of an interpreter."""
+    if _PYTHON.match(os.path.basename(words[0])):
+        script = next((word for word in words[1:] if word not in _FLAGS), "")
+        return script if script and not script.startswith("-") else words[0]
     return next((word for word in words[1:2] if word.startswith("/")), words[0])
 
 
@@ -196,15 +238,15 @@ def _is_contained(pid: int, proc: str) -> bool:
     return ports.is_contained(text(os.path.join(proc, str(pid), "status")))
 
 
-def _find_host(
-    arguments: typing.Dict[str, str], variables: typing.Dict[str, str], contained: bool, pid: int, proc: str
-) -> typing.Tuple[str, str]:
+def _find_host(process: Process, proc: str) -> typing.Tuple[str, str]:
     """The host that a node announces, and the variable that has decided it; empty for a container that does not show its name."""
+    arguments, variables = process.arguments, process.variables
     given = [(arguments.get(name), name) for name in _ARGUMENTS] + [(variables.get(name), name) for name in _VARIABLES]
     for host, source in given:
         if host:
             return host, source
-    name = text(os.path.join(proc, str(pid), "root/etc/hostname"), 256).strip() if contained else socket.gethostname()
+    path = os.path.join(proc, str(process.pid), "root/etc/hostname")
+    name = text(path, 256).strip() if process.contained else socket.gethostname()
     return (name, "hostname") if name else ("", "")
 
 

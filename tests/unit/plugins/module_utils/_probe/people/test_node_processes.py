@@ -11,7 +11,7 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.commands import Answer
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.ros_client import node_processes
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.people import node_processes
 from namespaces import why_not
 
 MEMBERS = [
