@@ -33,7 +33,7 @@ class Misplaced(NamedTuple):
     mode: str  # a mode of the component `node`
     computer: str  # of the process; its robot if that is not known
     process: NodeHost = UNREAD
-    detail: str = ""  # the interface of the host, the robot at whose roscore it is, or the host of its services
+    detail: str = ""  # the interface or the computer that has the host, the robot at whose roscore it is, or the host of its services
     refused: tuple[tuple[str, str], ...] = ()  # the robots whose sync nodes refuse it, each with its reason
 
     def __str__(self) -> str:
@@ -58,8 +58,8 @@ class Misplaced(NamedTuple):
             return f"uses the roscore {self.process.master}"
         if self.mode == "services":
             return f"announces {self.host}, and {self.detail} for its services"
-        interface = f", which is of {self.detail}" if self.detail else ""
-        return f"announces {self.host}{interface}"
+        owner = f" (of {self.detail})" if self.detail else ""
+        return f"announces {self.host}{owner}"
 
     @property
     def source(self) -> str:
@@ -227,7 +227,7 @@ def _locate(seen: _Fleet, master: str, row: AnnouncedHost) -> Misplaced:
         has, interface = seen.find_interface([computer] if found else computers, row.host)
         if interface:
             return Misplaced(row.node, row.host, "interface", has, process, interface)
-    return Misplaced(row.node, row.host, mode, computer, process)
+    return Misplaced(row.node, row.host, mode, computer, process, at if mode == "address" else "")
 
 
 def _find_guest(seen: _Fleet, at: str, row: AnnouncedHost, answers: bool) -> tuple[str, NodeHost] | None:

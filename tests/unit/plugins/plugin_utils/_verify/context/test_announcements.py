@@ -78,7 +78,7 @@ DOCKER = ForwardingInterface("docker0", ("172.17.0.1",), prefixes=(16,))
         ("10.9.8.7", "address", ""),
         ("172.17.0.1", "interface", "docker0"),
         ("172.17.0.2", "interface", "docker0"),  # of a container with a network of its own
-        ("192.168.10.100", "name_of_other", ""),  # of a computer of dabo
+        ("192.168.10.100", "name_of_other", "dabo-nav"),  # of a computer of dabo
     ],
 )
 def test_each_kind_of_host_is_told(host, mode, detail):
