@@ -121,11 +121,13 @@ def _lacks_modules(chosen: Mapping[str, Any] | None) -> bool:
 
 
 def _has_lost_ros(info: Mapping[str, Any]) -> bool:
-    """Return True if no ROS 1 is left where site.yml has run, since it refuses a master without one."""
+    """Return True if no ROS 1 is left where site.yml has run, since it refuses a master without one.
+
+    A ROS that could not be looked for has no sentence about its problem.
+    """
     ros = info["ros"]
-    return (
-        bool(info.get("owned")) and not ros.get("chosen") and all(one["version"] == "2" for one in ros.get("found", ()))
-    )
+    is_lost = ros.get("problem") and not ros.get("chosen")
+    return bool(info.get("owned") and is_lost and all(one["version"] == "2" for one in ros.get("found", ())))
 
 
 def _fill(plan: ComputerPlan, info: Mapping[str, Any], interfaces: Mapping[IPv4Address, str]) -> ComputerPlan:

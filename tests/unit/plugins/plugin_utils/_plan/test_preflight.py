@@ -270,6 +270,11 @@ def test_modules_that_are_gone_are_told_of_every_computer(is_master):
     assert not compare(lambda info: (lose(info), info.update(owned=[])), **more).state.broken_ros
     assert not compare(lambda info: lose(info, [{"version": "1"}, {"version": "1"}]), **more).state.broken_ros
 
+    def miss(info):  # the part could not be read, as on a computer without a free processor
+        info["ros"].update(chosen=None, problem="", found=[])
+
+    assert not compare(miss, **more).state.broken_ros
+
     def fail(info):  # the program that imports them could not run at all, as where systemd starts no unit
         sentence = "The modules of Debian's packages cannot be imported: 'Failed to run event loop'."
         info["ros"].update(problem=sentence)
