@@ -43,7 +43,7 @@ def ask(shell, options, home, names, seconds):
         process = subprocess.Popen(
             command,
             env=variables,
-            cwd=home,
+            cwd=home if os.access(home, os.X_OK) else "/",  # as a login without a home folder
             stdin=nothing,
             stdout=nothing,
             stderr=traced if kind == "zsh" else nothing,

@@ -222,3 +222,13 @@ def test_files_without_an_answer_are_named(person, tmp_path, monkeypatch):
     passwd(tmp_path, monkeypatch, person)
     monkeypatch.setattr(shells, "_READING", 0.01)  # a home folder on a dead network disk
     assert shells.exports()["silent_shells"] == [{"person": "robot", "shell": "files"}]
+
+
+def test_a_person_without_a_home_folder_has_shells_without_files(person, tmp_path, monkeypatch):
+    homeless = person._replace(home=f"{person.home}/none")
+    passwd(tmp_path, monkeypatch, homeless)
+    assert shells.exports()["silent_shells"] == []
+    assert {kind: seen.values for kind, seen in person_shells.ask(homeless, NAMES).items()} == {
+        "interactive": {},
+        "login": {},
+    }
