@@ -85,7 +85,7 @@ def _choice(token):
 def list_hostile(pattern):
     """List what an expression may read for long: what comes first, what is repeated, and what comes at the end."""
     for before, body, after in _list_repeats(_parser.parse(pattern), "", ""):
-        bodies = {body, body[:1], " ", "a"} - {""}
+        bodies = {body, body[:1], " ", "a", after[:1]} - {""}
         for one in bodies:
             for end in dict.fromkeys((*ENDS, after[:1])):
                 yield before, one, end
@@ -102,6 +102,8 @@ def _list_repeats(tokens, before, after):
             yield from _list_repeats(value[2], first, last)
         elif name == "SUBPATTERN":
             yield from _list_repeats(value[-1], first, last)
+        elif name in ("ASSERT", "ASSERT_NOT"):
+            yield from _list_repeats(value[1], first, last)
         elif name == "BRANCH":
             for branch in value[1]:
                 yield from _list_repeats(branch, first, last)

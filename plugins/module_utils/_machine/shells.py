@@ -63,7 +63,9 @@ FILES = "files"  # of a person, all of them
 _NO_LOGIN = ("nologin", "false", "sync", "")
 _ANY_OF_THEM = "|".join(VARIABLES)
 _SETENV = re.compile(rf"(?:.*[;&\s])?setenv\s+({_ANY_OF_THEM})\s+(\S+)")
-_FISH = re.compile(rf"(?:.*[;&\s])?set\s+(?=(?:-\S+\s+)*(?:-\w*x\w*|--export)\s)(?:-\S+\s+)+({_ANY_OF_THEM})\s+(\S+)")
+_FISH = re.compile(
+    rf"(?:.*[;&\s])?set\s+(?=(?:-\S+\s+)*(?:-[^\Wx]*x\w*|--export)\s)(?:-\S+\s+)+({_ANY_OF_THEM})\s+(\S+)"
+)
 _PAM = re.compile(rf"\s*({_ANY_OF_THEM})\s+(?:DEFAULT|OVERRIDE)=(\S+)")
 _GENERATOR = "/systemd/user-environment-generators/30-systemd-environment-d-generator"
 _OUR_GENERATOR = "/etc/systemd/user-environment-generators/90-rosfleet-multimaster"
