@@ -15,7 +15,7 @@ from ..._machine import systemd, unit_ends
 
 _MOST = 65536  # bytes of a file of systemd, or of one with variables
 _MOST_FILES = 20  # with variables, which a drop-in file names
-_SETTING = re.compile(r"\s*([A-Za-z]+)\s*=\s*(.*?)\s*\Z", re.DOTALL)
+_SETTING = re.compile(r"\s*([A-Za-z]+)\s*=(.*)", re.DOTALL)
 _PREFIXES = "-@:+!|"  # of the path of a command (systemd.service(5))
 _MOST_PROCESSES = 32  # of a service
 _PROPERTIES = (
@@ -159,7 +159,7 @@ def list_with_variables(paths: typing.Iterable[str], names: typing.Iterable[str]
 def list_with_commands(paths: typing.Iterable[str], unit_file: str) -> typing.List[str]:
     """List the drop-in files with another command than that of the unit's own file; one that only runs it by nice(1) or taskset(1) has the same."""
     own = [_plain(value) for value in _commands(unit_file)]
-    return [path for path in paths if any(not any(one in value for one in own) for value in _commands(path))]
+    return [path for path in paths if any(not any(value.endswith(one) for one in own) for value in _commands(path))]
 
 
 def _commands(path: str) -> typing.List[str]:
@@ -175,7 +175,7 @@ def _read_settings(path: str) -> Settings:
     settings: Settings = []
     for line in re.sub(r"\\\n", " ", _read_text(path)).split("\n"):
         found = None if line.lstrip().startswith(("#", ";")) else _SETTING.match(line)
-        settings += [(found.group(1), found.group(2))] if found else []
+        settings += [(found.group(1), found.group(2).strip())] if found else []
     return settings
 
 
@@ -199,4 +199,4 @@ def _file_has(path: str, wanted: str) -> bool:
     if "%" in path:  # only systemd knows which file it is
         return True
     files = itertools.islice(glob.iglob(path), _MOST_FILES)
-    return any(re.search(rf"^\s*(?:{wanted})\s*=", _read_text(file), re.MULTILINE) for file in files)
+    return any(re.search(rf"^[ \t]*(?:{wanted})[ \t]*=", _read_text(file), re.MULTILINE) for file in files)

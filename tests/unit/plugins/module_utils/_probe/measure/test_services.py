@@ -53,6 +53,7 @@ SAME = "/usr/bin/python3 -m node --parameters %E/node.json"
         ("ExecStart =\nExecStart=/bin/other\n", False, True),
         ("ExecStart=\nExecStart=-/usr/bin/nice -n 5 {same}\n", False, False),
         ("ExecStart=\nExecStart=/usr/bin/taskset 1 \\\n {same}\n", False, False),
+        ("ExecStart=\nExecStart={same} _rate:=5\n", False, True),  # other parameters behind the same command
         ("ExecStart=\nExecStart=/usr/bin/env ROS_IP=10.0.0.1 {same}\n", True, False),
         ("ExecStart=\nExecStart=/bin/sh -c 'ROS_IP=10.0.0.1 exec /bin/other'\n", True, True),
         ("ExecStartPre=/bin/sleep 5\nExecStartPost=/bin/true\n", False, False),
@@ -75,6 +76,14 @@ def test_a_drop_in_file_is_named_for_the_variables_or_the_command_that_it_sets(
     (entry,) = services.services(["sync"], {"ROS_IP": "192.168.1.2"})
     assert (entry["drop_ins"], entry["command_drop_ins"]) == ([str(path)] * variables, [str(path)] * command)
     assert services.services(["sync"], {})[0]["drop_ins"] == []  # no variable differs
+
+
+def test_empty_lines_and_blanks_of_a_file_of_variables_are_read_in_linear_time(tmp_path):
+    (tmp_path / "variables").write_text("\n" * 20000 + "x")
+    (tmp_path / "a.conf").write_text(f"EnvironmentFile={tmp_path}/variables\nEnvironment=a{' ' * 20000}x\n")
+    began = time.thread_time()
+    assert services.list_with_variables([str(tmp_path / "a.conf")], ["ROS_IP"]) == []
+    assert time.thread_time() - began < 1
 
 
 HOLDS = """
