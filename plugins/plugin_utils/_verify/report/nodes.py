@@ -116,12 +116,15 @@ def describe_nodes(nodes: Mapping[str, Any]) -> str:
     total, asked = (sum(entry[key] for entry in roscores) for key in ("registered", "asked"))
     counts = shorten_list((f"{entry['robot']} {entry['registered']}" for entry in roscores), 8)
     sample = f"; {asked} of them were asked, which is a sample" if asked < total else ""
-    number = len(nodes["odd"]) + nodes["left_out"]
+    lone = sum(row["mode"] == "unregistered" for row in nodes["odd"])
+    number = len(nodes["odd"]) + nodes["left_out"] - lone
+    more = f"; {lone} more {'runs' if lone == 1 else 'run'} without a registration" if lone else ""
+    end = ":" if number or lone else "."
     if any(entry["people"] for entry in roscores):
-        well = "all answer, at places of their robots." if not number else f"something is wrong with {number} of them:"
-        return f"{total} ({counts}){sample}: {well}"
-    well = "all answer." if not number else f"something is wrong with {number}:"
-    return f"{total} ({counts}), all of the collection: no node of yours is registered{sample}; {well}"
+        well = f"something is wrong with {number} of them" if number else "all answer, at places of their robots"
+        return f"{total} ({counts}){sample}: {well}{more}{end}"
+    well = f"something is wrong with {number}" if number else "all answer"
+    return f"{total} ({counts}), all of the collection: no node of yours is registered{sample}; {well}{more}{end}"
 
 
 def list_cells(nodes: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:

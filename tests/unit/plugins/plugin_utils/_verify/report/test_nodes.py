@@ -101,6 +101,8 @@ def test_a_node_without_a_registration_has_a_row():
         process = NodeHost(TWO, "ROS_HOSTNAME", "driver.service", (4,), "driver.py", starter="unit", pid=7)
         update(seen[TWO].probe, unregistered=UnregisteredNodes((process,), 1, 1))
 
-    first, _headings, row = _print(_list(_end, change)).splitlines()[:3]
-    assert first.endswith("no node of yours is registered; something is wrong with 1:")
+    nodes = _list(_end, change)
+    assert describe_nodes(nodes).endswith("is registered; all answer; 1 more runs without a registration:")
+    assert "all answer, at places of their robots; 1 more runs without" in describe_nodes(_list(change))
+    row = _print(nodes).splitlines()[-1]
     assert mentions(row, "driver.py (process 7)", TWO, "unit: driver.service", "none", "yes")
