@@ -107,7 +107,7 @@ def is_generated(answer):
     if not answer["ours"]:
         return
     before, after = (
-        {path: base64.b64decode(file[0]).decode() for path, file in tree.items()} for tree in answer["generated"]
+        {path: base64.b64decode(file[0]).decode() for path, file in tree.items()} for tree in answer["generated"][:2]
     )
     assert set(after) == set(before)
     told = "".join(text for text in after.values())
