@@ -168,8 +168,11 @@ class Scene:
         )
 
     def add_reasons(self, suspects: Components) -> Components:
-        """Add the causes of some suspects to the suspects."""
-        return suspects | {reason for component in suspects if (reason := self.find_reason(component))}
+        """Add the causes of some suspects to the suspects, and the causes of these: a cause that follows itself is no finding."""
+        added, causes = suspects, suspects
+        while causes := frozenset(reason for one in causes if (reason := self.find_reason(one))) - added:
+            added |= causes
+        return added
 
     def list_successes(self, rows: Sequence[Row]) -> tuple[str, ...]:
         """List the checks that succeed in the pairs of some rows, once for each pair."""

@@ -14,7 +14,8 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.check
     WARNING,
 )
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.observations import BootDeviation
-from fleets import ONE, assert_told, diagnosed, evaluate, fig12, notable, update
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
+from fleets import ONE, TWO, assert_told, diagnosed, evaluate, fig12, notable, of, update
 from mentioned import mentions
 
 NODES = ("discovery", "sync")
@@ -77,6 +78,9 @@ def test_services_that_start_in_vain_follow_from_a_ros_that_is_gone():
         update(seen[ONE], found=MachineState(broken_ros=sentence, noted=(sentence,)))
         services = seen[ONE].probe.services
         loops = {"active_state": "activating", "sub_state": "start", "restarts": 6, "result": "exit-code", "status": 1}
+        refused = {"open": False, "error": "Connection refused", "outcome": Outcome.REFUSED}
+        port = of(seen[TWO].probe.masters, ONE, "computer")
+        update(port, **refused, clock_offset_s=None, clock_error="no answer")
         update(seen[ONE].probe, services=tuple(replace(one, **loops) if one.name in NODES else one for one in services))
 
     (finding,) = diagnosed(change).findings
