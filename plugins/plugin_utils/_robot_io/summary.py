@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -24,6 +25,8 @@ CONCERNS = {
 }
 
 MOST_WARNINGS, LONGEST_WARNING = 10, 200  # that are repeated, and characters of one
+#: Ansible's own warning about each computer, by default, whose Python the inventory does not name: nothing is wrong there
+_DISCOVERED = re.compile(r"(?:Host '[^']*'|Platform \S+ on host \S+) is using the discovered Python interpreter at ")
 #: the line of a computer that fell out of the run before its change
 REFUSED = "FAILED before it was brought to its plan, for the reason above; the others went on"
 
@@ -55,13 +58,13 @@ def summarize(results: Mapping[str, Sequence[Result]], check: bool, lost: Collec
 
 
 def list_warnings(result: Result) -> list[str]:
-    """List the warnings of a task. Since ansible-core 2.19, those of a registered result may be objects with an event."""
+    """List the warnings of a task, but for _DISCOVERED. Since ansible-core 2.19, those of a registered result may be objects with an event."""
     given = result.get("warnings")
     texts = (
         one if isinstance(one, str) else str(getattr(getattr(one, "event", None), "msg", one))
         for one in (given if isinstance(given, Sequence) and not isinstance(given, str) else ())
     )
-    return [text for text in texts if text]
+    return [text for text in texts if text and not _DISCOVERED.match(text)]
 
 
 def repeat_warnings(results: Mapping[str, Sequence[Result]]) -> list[str]:

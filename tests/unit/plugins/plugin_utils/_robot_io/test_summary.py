@@ -5,6 +5,7 @@
 
 import random
 
+import pytest
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import LINE
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import summary
 from mentioned import mentions
@@ -138,6 +139,16 @@ def test_warnings_are_repeated_short_and_once():
         f"  - {'y' * 197}...",
     ]
     assert summary.repeat_warnings({"kobuki": [{}, {"warnings": []}]}) == []
+
+
+@pytest.mark.parametrize("host", ["Host 'kobuki'", "Platform linux on host kobuki"])  # of ansible-core 2.19, and before
+def test_the_python_that_ansible_found_is_no_warning_of_the_run(host):
+    notice = (
+        f"{host} is using the discovered Python interpreter at '/usr/bin/python3.11', but future installation of ..."
+    )
+    assert summary.repeat_warnings({"kobuki": [{"warnings": [notice]}]}) == []
+    (_heading, line) = summary.repeat_warnings({"kobuki": [{"warnings": [notice, f"kobuki warns: {notice}"]}]})
+    assert line.startswith("  - kobuki warns: ")
 
 
 def test_of_many_warnings_ten_are_repeated():
