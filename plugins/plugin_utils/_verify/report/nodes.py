@@ -116,15 +116,20 @@ def describe_nodes(nodes: Mapping[str, Any]) -> str:
     total, asked = (sum(entry[key] for entry in roscores) for key in ("registered", "asked"))
     counts = shorten_list((f"{entry['robot']} {entry['registered']}" for entry in roscores), 8)
     sample = f"; {asked} of them were asked, which is a sample" if asked < total else ""
+    if any(entry["people"] for entry in roscores):
+        return f"{total} ({counts}){sample}: {_describe_faults(nodes, ' of them', ', at places of their robots')}"
+    return (
+        f"{total} ({counts}), all of the collection: no node of yours is registered{sample}; {_describe_faults(nodes)}"
+    )
+
+
+def _describe_faults(nodes: Mapping[str, Any], of_them: str = "", places: str = "") -> str:
+    """Describe with how many nodes something is wrong; those without a registration are none of the registered ones."""
     lone = sum(row["mode"] == "unregistered" for row in nodes["odd"])
     number = len(nodes["odd"]) + nodes["left_out"] - lone
+    well = f"something is wrong with {number}{of_them}" if number else f"all answer{places}"
     more = f"; {lone} more {'runs' if lone == 1 else 'run'} without a registration" if lone else ""
-    end = ":" if number or lone else "."
-    if any(entry["people"] for entry in roscores):
-        well = f"something is wrong with {number} of them" if number else "all answer, at places of their robots"
-        return f"{total} ({counts}){sample}: {well}{more}{end}"
-    well = f"something is wrong with {number}" if number else "all answer"
-    return f"{total} ({counts}), all of the collection: no node of yours is registered{sample}; {well}{more}{end}"
+    return f"{well}{more}{':' if number or lone else '.'}"
 
 
 def list_cells(nodes: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
