@@ -164,11 +164,14 @@ def unit(cgroups: str) -> str:
 
 
 def person(cgroups: str) -> str:
-    """Read the user whose own manager (systemctl --user) runs the unit, in the same text; empty for a unit of the computer."""
+    """Read the user whose own manager (systemctl --user) runs the unit, in the same text; empty for a unit of the computer.
+
+    It is the first one: the groups below are of that user, who names them.
+    """
     managers = [found for found in map(_MANAGER.match, _list_units(cgroups)[:-1]) if found]
     if not managers:
         return ""
-    number = managers[-1].group(1)
+    number = managers[0].group(1)
     try:
         return pwd.getpwuid(int(number)).pw_name
     except (KeyError, OverflowError):

@@ -40,6 +40,8 @@ MANAGER = f"/user.slice/user-{os.getuid()}.slice/user@{os.getuid()}.service"
         (f"0::{MANAGER}/app.slice/odom.service\n", "odom.service", OWN),
         (f"12:pids:/x\n1:name=systemd:{MANAGER}/odom.service\n", "odom.service", OWN),
         (f"0::{MANAGER}/init.scope\n", "init.scope", OWN),
+        # A person makes folders below, with any name.
+        (f"0::{MANAGER}/app.slice/user@4123456789.service/odom.service\n", "odom.service", OWN),
         (f"0::{MANAGER}\n", f"user@{os.getuid()}.service", ""),
         ("0::/system.slice/user@x.service/odom.service\n", "odom.service", ""),
         ("0::/user.slice/user@4123456789.service/odom.service\n", "odom.service", "4123456789"),  # nobody's number
