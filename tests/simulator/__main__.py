@@ -19,9 +19,10 @@ from tests.simulator import faults, harness
 def explain(number, row):
     """Say what was injected in a trial, and why each finding was made, as `report -e explain=all` does."""
     trial = harness.draw(number, [[row]])
-    yield from (f"{fault.name} at {place}" for fault, place in trial.faults)
+    for fault, place in trial.faults:
+        yield f"{fault.name} at {place}; expected: {', '.join(' '.join(part) for part in fault.components)}"
     for place, entry in enumerate(list_findings(harness.diagnose(trial.state.fleet, trial.observations)), 1):
-        yield from write_explanation(place, entry, 160)
+        yield from write_explanation(place, entry, 400)
 
 
 def main():

@@ -10,7 +10,7 @@ from dataclasses import replace
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe import observations as seen
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.observe.outcomes import Outcome
 
-from tests.simulator.network import CONNECTED
+from tests.simulator.network import CONNECTED, NODES
 
 UNITS = {"unit": "people.service", "container": "docker-0badcafe.scope"}  # of what has started a node
 PORT = 41233  # of the first; each other one has the next
@@ -40,13 +40,7 @@ def add(ros, computer, exchange):
     places, silences = _nodes(state), []
     for node in nodes:
         is_dropped = node.fenced and node.computer != computer
-        error = (
-            "timed out"
-            if node.hung or is_dropped
-            else ""
-            if node.fenced
-            else _connect(ros, computer, node, places[node])
-        )
+        error = "timed out" if node.hung or is_dropped else "" if node.fenced else _connect(ros, computer, node)
         if error:
             outcome = Outcome.NO_ANSWER if node.hung or is_dropped else CONNECTED.get(error, Outcome.UNKNOWN_NAME)
             opens = Outcome.OPEN if node.hung else outcome
@@ -73,14 +67,15 @@ def _list_unreached(ros, robot, places):
                 yield seen.UnreachedNode(node.name, node.host, places[node], "no answer", Outcome.NO_ANSWER)
 
 
-def _connect(ros, computer, node, port):
-    if node.apart and node.host in hosts_of(ros.fleet, ros.fleet.computers[node.computer].robot):
-        return ros.reach(computer, node.host, port)[0] or "Connection refused"
+def _connect(ros, computer, node):
+    """Return the error of a connection to the place that a node announces; empty if the node takes it."""
     if node.host.startswith("127.") or node.host == "localhost":
         return "" if node.computer == computer else "Connection refused"
-    if node.host in hosts_of(ros.fleet, ros.fleet.computers[node.computer].robot):
-        return ros.reach(computer, node.host, port)[0]
-    return "timed out" if node.host[0].isdigit() else "Name or service not known"
+    robots = {plan.robot for plan in ros.fleet.computers.values()}
+    if all(node.host not in hosts_of(ros.fleet, robot) for robot in robots):
+        return "timed out" if node.host[0].isdigit() else "Name or service not known"
+    is_there = node.host in hosts_of(ros.fleet, ros.fleet.computers[node.computer].robot) and not node.apart
+    return ros.reach(computer, node.host, NODES)[0] or ("" if is_there else "Connection refused")
 
 
 def unregistered(ros, computer):

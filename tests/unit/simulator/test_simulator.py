@@ -25,7 +25,7 @@ pytestmark = pytest.mark.whole
 FLEETS = 40
 # They hinder nobody now, so that they are warnings.
 HARMLESS = {
-    "a node that hangs", "a node without a roscore", "a node at the roscore of another robot",
+    "a node that hangs", "a node without a roscore", "a node at the roscore of another robot", "a node without a registration",
     "a stranger", "ghosts", "group pruned", "strict reverse path", "two default routes", "filter of the group",
     "discovery on another group", "filter of UDP", "filter of UDP out", "a third lost", "small MTU", "masquerading",
     "other message definitions", "another prefix length", "another address",

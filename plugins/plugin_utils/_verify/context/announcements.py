@@ -227,7 +227,15 @@ def _locate(seen: _Fleet, master: str, row: AnnouncedHost) -> Misplaced:
         has, interface = seen.find_interface([computer] if found else computers, row.host)
         if interface:
             return Misplaced(row.node, row.host, "interface", has, process, interface)
-    return Misplaced(row.node, row.host, mode, computer, process, at if mode == "address" else "")
+    return Misplaced(
+        row.node, row.host, mode, computer, process, at if mode == "address" else _describe_owner(seen, at, found)
+    )
+
+
+def _describe_owner(seen: _Fleet, at: str, found: object) -> str:
+    """Say of a planned name of another robot whose it is; of a node without a process also that it does not answer there, or it would be a guest."""
+    robot = seen.fleet.computers[at].robot if at else ""
+    return robot and (f"robot {robot}" if found else f"robot {robot}, where it does not answer")
 
 
 def _find_guest(seen: _Fleet, at: str, row: AnnouncedHost, answers: bool) -> tuple[str, NodeHost] | None:

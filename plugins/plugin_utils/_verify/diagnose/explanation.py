@@ -20,6 +20,7 @@ SHOWN = 2  # rows that have shown it
 NAMED = 4  # checks of explained rows
 ALL = "all"
 TABLE, RULES = "_faults", "diagnose/rules.py"
+PLACES = {"node": "context/announcements.py"}  # the kind of a component -> the file that has chosen its mode and place
 REASONS: Mapping[str, str] = {
     evidence.SUCCESS: "cleared by a success: {row}",
     evidence.GOOD_VALUE: "cleared by a value: it was read there, and is as planned",
@@ -120,5 +121,6 @@ def _name_files(entry: Mapping[str, Any]) -> str:
     """Name the files that decide, for who corrects a finding: first those of the rule, then the judges of what has shown it."""
     rule = BY_ID.get(entry["because"]["rule"])
     judges = (one["source"] for one in entry["because"]["shown_by"] if one["source"])
-    files = dict.fromkeys((*(rule.decides if rule else ()), *judges))
+    chosen = filter(None, [PLACES.get(entry["kind"])])
+    files = dict.fromkeys((*chosen, *(rule.decides if rule else ()), *judges))
     return f"see {', '.join(files) or 'checks'}, {entry['id']} in {TABLE}, and {RULES}"

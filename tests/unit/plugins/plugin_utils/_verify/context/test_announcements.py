@@ -106,7 +106,14 @@ def test_a_node_of_another_robot_at_this_roscore_is_told_by_its_own_computer(has
 def test_the_name_of_another_robots_computer_by_a_process_here_is_a_wrong_name():
     process = _process(OTHER_INNER, source="ROS_HOSTNAME")
     found, _strays = _find(AnnouncedHost(NODE, OTHER_INNER, PORT), (NODE,), {INNER: [process]})
-    assert (found.mode, found.computer) == ("name", INNER)
+    assert (found.mode, found.computer) == ("name", INNER) and "(of robot dabo) by ROS_HOSTNAME" in str(found)
+
+
+def test_a_node_with_another_robots_name_and_without_an_answer_is_no_guest():
+    found, _strays = _find(AnnouncedHost(NODE, OTHER_INNER, PORT), (NODE,))
+    assert (found.mode, found.computer) == ("name", "tibi") and "(of robot dabo, where it does not answer)" in str(
+        found
+    )
 
 
 def test_services_elsewhere_are_told():
