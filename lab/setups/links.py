@@ -62,10 +62,12 @@ def wait_until(look: Callable[[], object], seconds: float, what: str) -> object:
 class Watch:
     """The registrations of the roscore of a computer, from now on; by another script, the objects of that one."""
 
-    def __init__(self, lab, host: str, looks: int = 20, script: str = "observers/watch.py") -> None:
+    def __init__(
+        self, lab, host: str, looks: int = 20, script: str = "observers/watch.py", patience: float = 60
+    ) -> None:
         self.lab, self.host, self.unit = lab, host, f"{Path(script).stem}-{looks}"
         lab.start(host, self.unit, f"python3 {{script}} {looks}", script)
-        wait_until(self.events, 60, f"the first look of {script} on {host}")
+        wait_until(self.events, patience, f"the first look of {script} on {host}")
 
     def events(self, since: float = 0.0) -> list[tuple[float, str]]:
         """(time, event)."""
