@@ -85,7 +85,8 @@ def _choice(token):
 def list_hostile(pattern):
     """List what an expression may read for long: what comes first, what is repeated, and what comes at the end."""
     for before, body, after in _list_repeats(_parser.parse(pattern), "", ""):
-        bodies = {body, body[:1], " ", "a", after[:1]} - {""}
+        again = before[-1:] + body[:1]  # where a search may begin once more
+        bodies = {body, body[:1], again, " ", "a", after[:1]} - {""}
         for one in bodies:
             for end in dict.fromkeys((*ENDS, after[:1])):
                 yield before, one, end

@@ -120,8 +120,12 @@ def _list_parameters(component: Component, _robots: Sequence[str], state: FleetS
 
 
 MOST_NODES, MOST_PARAMETERS = 4, 4
-OTHER_VALUE = re.compile(r"(/\S+) of \S+ has another value on ([^\s,]+)")  # in the sentences of the check of copies
-ALIKE = re.compile(r"(/[A-Za-z0-9_/]+) of ")  # a topic of a robot, in the sentences of the check of types
+OTHER_VALUE = re.compile(
+    r"(?<!\S)(/\S+) of \S+ has another value on ([^\s,]+)"
+)  # in the sentences of the check of copies
+ALIKE = re.compile(
+    r"(?<![A-Za-z0-9_/])(/[A-Za-z0-9_/]+) of "
+)  # a topic of a robot, in the sentences of the check of types
 TOPIC = _Names("topic", "graph", _list_topics)
 #: kind and mode of a fault between roscores -> the names for its commands
 NAMES: Mapping[tuple[str, str], tuple[_Names, ...]] = {
