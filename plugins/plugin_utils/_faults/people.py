@@ -44,7 +44,7 @@ NODES: Mapping[Key, Fault] = {
         do=(
             site("writes the profile of shells"),
             on(
-                "sed -i.before -E 's/^[[:space:]]*(export )?ROS_(HOSTNAME|IP|MASTER_URI)=/: # &/' ~/.bashrc ~/.profile",
+                "sed -i.before --follow-symlinks -E 's/^[[:space:]]*(export )?ROS_(HOSTNAME|IP|MASTER_URI)=/: # &/' ~/.bashrc ~/.profile",
                 "as the user who starts nodes, in a new login then; the former files are ~/.bashrc.before and ~/.profile.before",
             ),
         ),

@@ -5,12 +5,15 @@
 
 A roscore that is started anew knows no node of before, and rospy and roscpp register only once. So such a node is silent until a
 person starts it again. Nothing is asked where each process of ROS that listens has a registered port, which is the usual case.
+A program without a sign of a node is never asked: one that takes a single connection, such as gdbserver, would lose it.
 """
 
+import os
 import time
 import typing
 
 from ..._base import processes
+from ..._base.commands import text
 from ..._base.deadlines import call_all
 from ..._base.plain_text import LONGEST, plain
 from ..measure.exchange import node_uris
@@ -29,6 +32,10 @@ LONGEST_ROUND = 5.0  # seconds for all of them
 SETTLES = 2.0  # seconds in which a node that found its roscore just now has registered
 MOST_TOPICS = 4
 ROSOUT = "/rosout"  # each node publishes it
+ROSCPP = "libroscpp"  # the library of a node in C++
+LOGS = "/.ros/log/"  # the folder where a node in Python keeps a file open (rosgraph.roslogging)
+_MOST_MAPS = 4 << 20  # bytes of /proc/PID/maps
+_MOST_FILES = 4096  # of a process, that are looked at
 
 Listening = typing.List[typing.Tuple[Process, typing.List[int]]]  # processes with their ports
 
@@ -67,12 +74,31 @@ def _list_listening(planned: Planned, proc: str) -> typing.Iterator[typing.Tuple
         try:
             if not process.is_read or not planned.is_master(process.master) or sockets.is_apart(process.pid):
                 continue
-            ports = sockets.list_ports(process.pid)
+            ports = sockets.list_ports(process.pid) if _has_sign_of_node(process, proc) else []
             start = processes.start_time(process.pid, proc) if ports else None
         except OSError:  # it has ended
             continue
         if start is not None and start <= latest and not processes.is_stopped(process.pid, proc):
             yield process, ports
+
+
+def _has_sign_of_node(process: Process, proc: str) -> bool:
+    """Return True for a node by its words, its libraries, or its log. Raises OSError if the process has ended."""
+    folder = os.path.join(proc, str(process.pid))
+    if "__name" in process.arguments or ROSCPP in text(os.path.join(folder, "maps"), _MOST_MAPS):
+        return True
+    own = (process.variables.get("ROS_LOG_DIR"), process.variables.get("ROS_HOME"))
+    logs = tuple(os.path.join(os.path.realpath(one), "") for one in own if one)
+    files = os.listdir(os.path.join(folder, "fd"))[:_MOST_FILES]
+    return any(path.endswith(".log") and (LOGS in path or path.startswith(logs)) for path in _read_links(folder, files))
+
+
+def _read_links(folder: str, files: typing.Iterable[str]) -> typing.Iterator[str]:
+    for name in files:
+        try:
+            yield os.readlink(os.path.join(folder, "fd", name))
+        except OSError:  # the file was closed meanwhile
+            continue
 
 
 def _leave_out_registered(listening: Listening, ros: Ros) -> Listening:

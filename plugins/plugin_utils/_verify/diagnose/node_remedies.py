@@ -67,6 +67,8 @@ def _start_again(one: Misplaced, computer: Participant) -> Advices:
     if process.starter == "container":
         return (Advice(HANDS, f"restart the container of {one.node} on {computer.name}{where}, as by docker restart"),)
     effect = f"ends {one.node}{where}; then start it again in a new login, or in its shell after: {PROFILE}"
+    if process.pid <= 1:  # kill 0 would end the shell of the person, and 1 is systemd
+        return (Advice(HANDS, f"end {one.node} on {computer.name}, and start it again in a new login"),)
     end = advice.command("kill {}", ("number", process.pid))
     return (Advice(computer.name, end, effect),)
 

@@ -7,6 +7,7 @@ import contextlib
 import os
 import subprocess
 import sys
+import tempfile
 import time
 
 import pytest
@@ -16,7 +17,8 @@ from talking import Roscore, served
 MEMBERS = [{"name": "here-pc", "robot": "one", "address": "192.168.11.2", "discovery_address": "192.168.1.2"}]
 #: answers as the process's last word says: a node with these topics, rosmaster or roslaunch, a web server, or never
 PROGRAM = """
-import http.server, json, socket, sys, xmlrpc.server
+import http.server, json, os, socket, sys, xmlrpc.server
+log = open(os.environ["ROS_LOG_DIR"] + "/driver.log", "w") if "ROS_LOG_DIR" in os.environ else None
 kind, topics = sys.argv[-1].partition(" ")[::2]
 if kind == "silent":
     server = socket.create_server(("127.0.0.1", 0))
@@ -41,11 +43,13 @@ def _soon(monkeypatch):
 
 
 @contextlib.contextmanager
-def _run(uri, answer, *words):
-    """A process of ROS that answers so; its port."""
+def _run(uri, answer, *words, log=True):
+    """A process of ROS that answers so, and keeps a log open as nodes do; its port."""
+    folder = tempfile.TemporaryDirectory()
+    logs = {"ROS_LOG_DIR": folder.name} if log else {}
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, *words, answer],
-        env={"PATH": os.environ["PATH"], "ROS_MASTER_URI": uri, "ROS_HOSTNAME": "here-pc"},
+        env={"PATH": os.environ["PATH"], "ROS_MASTER_URI": uri, "ROS_HOSTNAME": "here-pc", **logs},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -55,6 +59,7 @@ def _run(uri, answer, *words):
     finally:
         process.kill()
         process.communicate()
+        folder.cleanup()
 
 
 def _know(roscore, port):
@@ -94,6 +99,12 @@ def test_a_registered_node_is_not_even_asked():
 def test_another_program_is_no_node(answer):
     found, _port = _find(answer)
     assert found["nodes"] == [] and found["asked"] == 1
+
+
+def test_a_program_without_a_sign_of_a_node_is_never_asked():
+    """One that takes a single connection would lose it."""
+    with served(Roscore()) as uri, _run(uri, f"node {TOPICS}", log=False):
+        assert _look(uri) == {"nodes": [], "unknown": 0, "asked": 0}
 
 
 def test_its_topics_are_bounded_and_plain():
