@@ -38,6 +38,15 @@ RUNS = {
     "site": ("second `site.yml`", "site.yml", "changed=0"),
     "verify": ("`verify`", "playbooks/verify.yml", "PASSED: "),
 }
+# Runs a command and writes what it took: a child of this process would have the memory that this one had at the fork.
+MEASURE = """
+import json, os, sys, time
+began = time.monotonic()
+_pid, status, usage = os.wait4(os.spawnvp(os.P_NOWAIT, sys.argv[2], sys.argv[2:]), 0)
+spent = {"seconds": time.monotonic() - began, "processor": usage.ru_utime + usage.ru_stime, "memory": usage.ru_maxrss / 1024}
+json.dump(spent, open(sys.argv[1], "w"))
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
 #: figure -> seconds that 100 robots may take
 LIMITS = {"plan": 3.0, "judgement": 5.0}
 
@@ -69,17 +78,14 @@ def play(inventory: Path, computers: int, run: str) -> dict[str, Any]:
         "ANSIBLE_NOCOLOR": "1",
     }
     command = [str(Path(sys.executable).with_name("ansible-playbook")), "-i", str(inventory), playbook]
-    path = WORK / f"growth-{run}.log"
-    began = time.monotonic()
-    with path.open("w") as log, subprocess.Popen(command, cwd=ROOT, env=settings, stdout=log, stderr=log) as process:
-        _process, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    seconds = time.monotonic() - began
+    path, figures = WORK / f"growth-{run}.log", WORK / "growth-spent.json"
+    with path.open("w") as log:
+        measured = [sys.executable, "-c", MEASURE, str(figures), *command]
+        done = subprocess.run(measured, cwd=ROOT, env=settings, stdout=log, stderr=log, check=False)
     output = path.read_text()
-    if process.returncode or words not in output:
+    if done.returncode or words not in output:
         sys.exit(f"growth: {playbook} failed:\n{output[-3000:]}")
-    spent = usage.ru_utime + usage.ru_stime
-    return {"computers": computers, "seconds": seconds, "processor": spent, "memory": usage.ru_maxrss / 1024}
+    return {"computers": computers, **json.loads(figures.read_text())}
 
 
 def spent(function: Callable[[], Any]) -> tuple[Any, float]:

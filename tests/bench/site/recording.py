@@ -22,6 +22,7 @@ from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._inventory.re
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.model import ComputerPlan, FleetPlan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._plan.plan import fleet_plan
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.pairs import AUTO, choose_pairs
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.context.registrations import Flows
 
 MACHINE = Path(__file__).with_name("machine.json")
 NOTHING = {"changed": False, "unconfirmed": False, "same_connection": False, "concerns": {}, "diff": []}
@@ -51,6 +52,7 @@ def make_plan(computers: int) -> FleetPlan:
 def list_answers(plan: FleetPlan) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield each computer with its answers: by module, or by module and action."""
     tried = choose_pairs({member.name: str(member.network) for member in plan.members}, plan.computers, AUTO)
+    flows = Flows(plan)
     for name, own in plan.computers.items():
         machine = _describe_machine(plan, own)
         started = {
@@ -67,7 +69,7 @@ def list_answers(plan: FleetPlan) -> Iterator[tuple[str, dict[str, Any]]]:
                 "multimaster_computer": {**NOTHING, "msg": "All is as planned."},
                 "firewall": {**FILTERED, "msg": "The rules of nftables were right."},
                 "multimaster_verify start": started,
-                "multimaster_verify collect": _describe_view(plan, own, tried[name]),
+                "multimaster_verify collect": _describe_view(plan, own, tried[name], flows),
             },
         )
 
@@ -98,11 +100,12 @@ def _describe_machine(plan: FleetPlan, own: ComputerPlan) -> dict[str, Any]:
     }
 
 
-def _describe_view(plan: FleetPlan, own: ComputerPlan, tried: Collection[str]) -> dict[str, Any]:
+def _describe_view(plan: FleetPlan, own: ComputerPlan, tried: Collection[str], flows: Flows) -> dict[str, Any]:
     """Return the measurements of a computer that has tried these others."""
     me = next(member for member in plan.members if member.name == own.computer)
     members = tuple(member for member in plan.members if member.name in tried or member is me)
     probe = _make_plain(fleets.good_probe(replace(plan, members=members), me, own))
+    probe["topics"] = [_make_plain(topic) for topic in fleets.heard_topics(plan, me, flows)]  # not of a sample
     if own.is_master:  # its roscore has what all talkers give, also those that it does not try
         probe.update(
             exchange=_make_plain(fleets.exchange(plan, own.robot)), sources=[_make_plain(fleets.own_source(plan, own))]

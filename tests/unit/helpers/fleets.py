@@ -260,6 +260,23 @@ def _route_to(layout, own, master):
     return TargetRoute("eth0", source=str(own.address), gateway=str(behind))
 
 
+def heard_topics(fleet, me, flows):
+    """The talkers of all others, as this computer hears them."""
+    return tuple(
+        HeardTopic(
+            other.name,
+            "/multimaster_verify/" + other.name,
+            publishers=(TopicPublisher("/talker", f"http://{other.name}:41233/"),),
+            heard=True,
+            text="run " + other.name,
+            seconds=0.1,
+        )
+        for other in others_of(fleet, me.name)
+        if not fleet.computers[other.name].sealed
+        and not (other.robot != me.robot and flows.declares_nothing(other.robot, me.robot))
+    )
+
+
 def good_probe(fleet, me, own):
     flows, layout = registrations.Flows(fleet), ways_module.Ways(fleet)
     uri = own.environment["ROS_MASTER_URI"]
@@ -289,19 +306,7 @@ def good_probe(fleet, me, own):
         list_masters=MasterList(
             tuple(ListedMaster(master.name, master.uri, True, master.monitor_uri) for master in fleet.masters), 0.7
         ),
-        topics=tuple(
-            HeardTopic(
-                other.name,
-                "/multimaster_verify/" + other.name,
-                publishers=(TopicPublisher("/talker", f"http://{other.name}:41233/"),),
-                heard=True,
-                text="run " + other.name,
-                seconds=0.1,
-            )
-            for other in others_of(fleet, own.computer)
-            if not fleet.computers[other.name].sealed
-            and not (other.robot != me.robot and flows.declares_nothing(other.robot, me.robot))
-        ),
+        topics=heard_topics(fleet, me, flows),
         services=tuple(
             ServiceState(service, f"multimaster-{service}.service", "loaded", "active", "running")
             for service in own.all_services
