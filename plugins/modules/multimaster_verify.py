@@ -644,7 +644,8 @@ node_hosts:
     person: {description: The user whose own manager has this unit (C(systemctl --user)); empty for a unit of the computer.,
         version_added: 1.1.0, type: str}
     pid: {description: The number of the process., type: int}
-    topics: {description: 'Some topics that it publishes, of a node in RV(unregistered) alone, 4 at most.', type: list, elements: str}
+    topics: {description: 'Some topics that it publishes, of a node without a registration alone, 4 at most.', type: list,
+        elements: str}
 unregistered:
   description: The nodes on this computer that are registered nowhere at the roscore of its robot, as after it was
     started anew.

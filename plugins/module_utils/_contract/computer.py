@@ -191,7 +191,7 @@ class NodeHost(Struct):
     )
     pid: int = field("The number of the process.", 2314)
     topics: typing.Tuple[str, ...] = field(
-        "Some topics that it publishes, of a node in RV(unregistered) alone, 4 at most.", ["/battery"]
+        "Some topics that it publishes, of a node without a registration alone, 4 at most.", ["/battery"]
     )
 
 

@@ -68,9 +68,9 @@ class _Transport(xmlrpc.client.Transport):
             document.feed(piece)
 
 
-def server(uri: str, most: int = ANSWER, limit: float = CALL) -> typing.Any:
-    """Return an XML-RPC server that is asked with limits; an answer may have `most` bytes, and take `limit` seconds at the usual pace."""
-    return xmlrpc.client.ServerProxy(uri, transport=_Transport(most, limit))
+def server(uri: str, most: int = ANSWER, limit: typing.Optional[float] = None) -> typing.Any:
+    """Return an XML-RPC server that is asked with limits; an answer may have `most` bytes, and take `limit` seconds (else CALL) at the usual pace."""
+    return xmlrpc.client.ServerProxy(uri, transport=_Transport(most, CALL if limit is None else limit))
 
 
 class Strange(OSError):

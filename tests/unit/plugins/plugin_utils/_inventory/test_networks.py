@@ -34,8 +34,10 @@ def _read():
             variables[host] = {**of_group["robots"], **of_group[robot], **own}
     for host, own in groups["routers"]["hosts"].items():
         variables[host] = dict(own)
-    for values in variables.values():
-        values.pop("ansible_host", None)
+    variables = {
+        host: {name: value for name, value in values.items() if not name.startswith("ansible_")}
+        for host, values in variables.items()
+    }
     return {"robots": robots, "variables": variables, "routers": list(groups["routers"]["hosts"])}
 
 

@@ -168,7 +168,7 @@ def test_a_finding_has_the_number_of_the_report_also_behind_many_others():
 def test_without_the_table_only_what_is_wrong_is_told():
     text = render(summarise(ROWS, [ONE, TWO], 2), DIAGNOSIS, width=80, everything=False)
     assert text.startswith("VERIFICATION of 2 computers\n\nFindings:\n  1. ")
-    assert " ".join(text.split("\n\n")[-1].split()) == TEXT.splitlines()[-1]
+    assert " ".join(text.rsplit("\n\n", maxsplit=1)[-1].split()) == TEXT.splitlines()[-1]
     assert "from / to" not in text and max(map(len, text.splitlines())) <= 80
     assert render(GOOD, Diagnosis(), everything=False).split("\n\n") == [
         "VERIFICATION of 2 computers",
