@@ -47,7 +47,7 @@ def read(faults: Iterable[Fault], page: str | None = None) -> dict[Fault, Row]:
 
 
 def find_sentence(begin: str) -> str:
-    """Return the sentence beneath the table that begins so; empty if there is none."""
+    """Return the sentence beneath the table that begins with these words; empty if no sentence does."""
     _before, _begin, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     beneath = rest.partition(END)[0].strip().splitlines()[-1:]
     return next((f"{one.rstrip('.')}." for one in "".join(beneath).split(". ") if one.startswith(begin)), "")

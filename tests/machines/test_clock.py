@@ -79,7 +79,7 @@ def test_the_first_site_yml_steps_the_clock_of_a_follower(lab):
 
 
 class Fleet:
-    """What happens to the nodes and their registrations while a clock jumps. Times are of the steady clock of each machine."""
+    """The nodes, their registrations and their restarts while a clock jumps. Times are of the steady clock of each machine."""
 
     def __init__(self, lab):
         self.lab = lab

@@ -57,7 +57,7 @@ def computers(request, new_lab, bring):
 
 
 def comes_and_goes(answer, rewritten=()):
-    """What is true with each manager: a second run changes nothing, and all is as before in the end, but for files that the manager writes anew."""
+    """The promises that each manager keeps: a second run changes nothing, and all is as before in the end, but for files that the manager writes anew."""
     before, taken, removed = (
         {path: file for path, file in tree.items() if path not in rewritten} for tree in answer["files"]
     )

@@ -33,7 +33,7 @@ class PlainFailure(AnsibleActionFail):  # type: ignore[misc]  # ansible-core has
 
     @property
     def omit_exception_key(self) -> bool:
-        """Whether ansible-core 2.19 and later leave out the error with its origin."""
+        """True, so that ansible-core 2.19 and later leave out the error with its origin."""
         return True
 
 

@@ -155,15 +155,10 @@ def runs_table(report: dict[str, Any]) -> str:
         rows = report[run]
         lines += [
             f"| {title}, {row['computers']} computers | {row['seconds']:.1f} s | {row['processor']:.1f} s"
-            f" | {row['processor'] / row['computers']:.2f} s | {ratio} | {_format_memory(row)} |"
+            f" | {row['processor'] / row['computers']:.2f} s | {ratio} | {row['memory']:.0f} MB |"
             for row, ratio in zip(rows, grow(rows, "processor"))
         ]
     return "\n".join(lines) + "\n"
-
-
-def _format_memory(row: dict[str, Any]) -> str:
-    """Return the memory of a run; figures of earlier versions have none."""
-    return f"{row['memory']:.0f} MB" if "memory" in row else ""
 
 
 def plans_table(report: dict[str, Any]) -> str:

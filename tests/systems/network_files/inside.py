@@ -109,7 +109,7 @@ class Manager:
         raise NotImplementedError
 
     def generated(self):
-        """What the program makes of its files for another one."""
+        """The files that the program makes of its own for another one."""
         return {}
 
     def end(self):
@@ -206,7 +206,7 @@ class NetworkManager(Manager):
         return state
 
     def generated(self):
-        """What the daemon knows of each profile."""
+        """The settings of each profile, as the daemon knows them."""
         names = run("nmcli", "--terse", "--fields", "UUID", "connection", "show").stdout.split()
         words = ("nmcli", "--terse", "--fields", "connection,ipv4,ipv6", "connection", "show", "uuid")
         return {name: re.sub(r"connection.timestamp:.*", "", run(*words, name).stdout) for name in names}
@@ -281,7 +281,7 @@ def take_all(routes):
 
 
 def try_files(manager, files):
-    """What happens on a computer with these files, from its boot without us to its boot after our removal."""
+    """The course of a computer with these files, from its boot without us to its boot after our removal."""
     write_tree(files)
     answer = {"said": [manager.boot()]}
     before, kernel, made = read_tree(*GIVEN), read_routes(), manager.generated()

@@ -62,7 +62,7 @@ def node_hosts(members: Members, own: str, master: str = "", proc: str = "/proc"
 
 
 class Process(typing.NamedTuple):
-    """A process of ROS that is none of the collection."""
+    """A process of ROS that a person has started."""
 
     pid: int
     words: typing.List[str]  # of its command line

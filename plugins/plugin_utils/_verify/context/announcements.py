@@ -228,14 +228,14 @@ def _locate(seen: _Fleet, master: str, row: AnnouncedHost) -> Misplaced:
         if interface:
             return Misplaced(row.node, row.host, "interface", has, process, interface)
     return Misplaced(
-        row.node, row.host, mode, computer, process, at if mode == "address" else _describe_owner(seen, at, found)
+        row.node, row.host, mode, computer, process, at if mode == "address" else _describe_owner(seen, at, bool(found))
     )
 
 
-def _describe_owner(seen: _Fleet, at: str, found: object) -> str:
+def _describe_owner(seen: _Fleet, at: str, is_found: bool) -> str:
     """Say of a planned name of another robot whose it is; of a node without a process also that it does not answer there, or it would be a guest."""
     robot = seen.fleet.computers[at].robot if at else ""
-    return robot and (f"robot {robot}" if found else f"robot {robot}, where it does not answer")
+    return robot and (f"robot {robot}" if is_found else f"robot {robot}, where it does not answer")
 
 
 def _find_guest(seen: _Fleet, at: str, row: AnnouncedHost, answers: bool) -> tuple[str, NodeHost] | None:

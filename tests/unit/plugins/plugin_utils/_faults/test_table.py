@@ -145,7 +145,7 @@ def _match(fault, advices):
 
 SAMPLE = re.compile(r"\[(RF-\d+)\]\n((?: {4,}\S.*\n)+)")
 LINES = re.compile(r"^ +(do|look): +(\S.*\n(?: {11,}\S.*\n)*)", re.MULTILINE)
-#: a command of a packet filter that was read is none of the table
+#: commands of packet filters are made of the rules that were read, and do not stand in the table
 READ_RULES = re.compile(r"on \S+: for from in .* nft insert rule ")
 
 
