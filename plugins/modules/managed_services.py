@@ -64,7 +64,7 @@ options:
         type: bool
         default: true
   timeout:
-    description: The number of seconds that each unit may take to start, for example V(90).
+    description: The number of seconds that each unit may take to start, for example V(90); a slow or busy computer gives it up to 210 s more.
     type: float
     default: 90
   unit_folder:

@@ -44,9 +44,9 @@ def _read_waits(path: str) -> float:
     return 1 + numbers[1] / numbers[0] if len(numbers) > 1 and numbers[0] else 1.0
 
 
-def stretch(seconds: float) -> float:
-    """Return a limit of time as this machine needs it: that on an idle computer before `measure_pace` was called."""
-    return min(seconds * _measured[0], seconds + LONGEST)
+def stretch(seconds: float, longest: float = LONGEST) -> float:
+    """Return a limit of time as this machine needs it, at most `longest` seconds more: unchanged before `measure_pace` was called."""
+    return min(seconds * _measured[0], seconds + longest)
 
 
 def call_all(function: typing.Callable, items: typing.Sequence, limit: float, late: typing.Callable) -> typing.List:

@@ -9,7 +9,7 @@ import stat
 import time
 import typing
 
-from ..._base import commands, processes
+from ..._base import commands, deadlines, processes
 from ..._base.plain_text import LINE, quote
 from ..._base.problem import Problem
 from ..._machine import systemd
@@ -17,6 +17,7 @@ from . import atomic, units
 
 _JOURNAL_LINES = 15
 _QUICK = 60.0  # seconds; calls that start nothing
+_LONGER = 210.0  # seconds that a start gets more on a slow or busy computer, at most
 _SOON = 5.0  # seconds; a file of that time may have been read, and clocks are set
 
 # The folders that systemd makes for a unit (systemd.exec(5)): property, and below which folder.
@@ -32,7 +33,7 @@ DIRECTORY_PROPERTIES = ("DynamicUser", "RuntimeDirectoryPreserve") + tuple(prop 
 
 
 class Systemd:
-    """The systemd of this computer; `timeout` in seconds is that of a start."""
+    """The systemd of this computer; `timeout` in seconds is that of a start on an idle computer."""
 
     def __init__(self, timeout: float) -> None:
         self.timeout = timeout
@@ -90,9 +91,11 @@ class Systemd:
 
     def bring(self, verb: str, name: str) -> None:
         """Start or restart a unit and wait until it is there; raises Problem with its state and its journal."""
-        answer = commands.run(("systemctl", verb, "--", name), limit=self.timeout)
+        deadlines.measure_pace()
+        limit = deadlines.stretch(self.timeout, longest=_LONGER)
+        answer = commands.run(("systemctl", verb, "--", name), limit=limit)
         if answer.status != 0:
-            late = f" within {self.timeout:g} s" if answer.status == -1 else ""
+            late = f" within {limit:.3g} s (timeout; of the role: services_timeout)" if answer.status == -1 else ""
             raise Problem(f"The unit {name} did not {verb}{late}{self.explain(name)}")
 
     def explain(self, name: str) -> str:

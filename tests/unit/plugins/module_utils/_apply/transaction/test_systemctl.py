@@ -8,7 +8,7 @@ import time
 
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._apply.transaction import systemctl, units
-from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands
+from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import commands, deadlines
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.problem import Problem
 
 SHOWN = """Id=a.service
@@ -30,15 +30,17 @@ def computer(monkeypatch):
     class Computer:
         answers = {}
         asked = []
+        limits = []
 
     def run(argv, limit=0.0, **options):
         Computer.asked.append(list(argv))
+        Computer.limits.append(limit)
         for words, answer in Computer.answers.items():
             if " ".join(argv).startswith(words):
                 return answer
         return commands.Answer(0, b"", "")
 
-    Computer.answers, Computer.asked = {}, []
+    Computer.answers, Computer.asked, Computer.limits = {}, [], []
     monkeypatch.setattr(commands, "run", run)
     return Computer
 
@@ -114,10 +116,17 @@ def test_the_folders_of_units(computer):
     [
         (1, 1, "one\ntwo\n", "did not start: it is failed (failed), result exit-code, exit status 3. The end of its "),
         (1, 2, "", "did not start: it is failed (failed), result exit-code, killed by signal 3. Its journal is empty."),
-        (-1, 0, "", "did not start within 1.5 s: it is failed (failed), result exit-code. Its journal is empty."),
+        (
+            -1,
+            0,
+            "",
+            "did not start within 3 s (timeout; of the role: services_timeout): it is failed (failed), result ",
+        ),
     ],
 )
-def test_a_unit_that_does_not_start_is_explained(computer, status, code, journal, said):
+def test_a_unit_that_does_not_start_is_explained(computer, monkeypatch, status, code, journal, said):
+    monkeypatch.setattr(deadlines, "measure_pace", list)
+    monkeypatch.setattr(deadlines, "_measured", [2.0])  # a busy computer
     computer.answers["systemctl show"] = answer(SHOWN.format(code=code))
     computer.answers["systemctl start"] = answer("", status, "it says little")
     computer.answers["journalctl --quiet"] = answer(journal)
@@ -125,6 +134,14 @@ def test_a_unit_that_does_not_start_is_explained(computer, status, code, journal
         systemctl.Systemd(1.5).bring("start", "a.service")
     assert str(caught.value).startswith("The unit a.service " + said)
     assert not journal or str(caught.value).endswith('journal: "one" "two"')
+
+
+def test_a_start_gets_more_time_on_a_busy_computer_within_bounds(computer, monkeypatch):
+    monkeypatch.setattr(deadlines, "measure_pace", list)
+    for pace in (1.0, 2.0, 6.0):
+        monkeypatch.setattr(deadlines, "_measured", [pace])
+        systemctl.Systemd(90).bring("start", "a.service")
+    assert computer.limits == [90.0, 180.0, 300.0]
 
 
 def test_there_is_one_block_for_each_unit(computer):
