@@ -105,7 +105,7 @@ def _describe_view(plan: FleetPlan, own: ComputerPlan, tried: Collection[str], f
     me = next(member for member in plan.members if member.name == own.computer)
     members = tuple(member for member in plan.members if member.name in tried or member is me)
     probe = _make_plain(fleets.good_probe(replace(plan, members=members), me, own))
-    probe["topics"] = [_make_plain(topic) for topic in fleets.heard_topics(plan, me, flows)]  # not of a sample
+    probe["topics"] = [_make_plain(topic) for topic in fleets.heard_topics(plan, me, flows) if topic.computer in tried]
     if own.is_master:  # its roscore has what all talkers give, also those that it does not try
         probe.update(
             exchange=_make_plain(fleets.exchange(plan, own.robot)), sources=[_make_plain(fleets.own_source(plan, own))]
