@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # GNU General Public License v3.0+ (see LICENSES/GPL-3.0-or-later.txt or https://www.gnu.org/licenses/gpl-3.0.txt)
 
-"""The filter computers_tried: the computers that one computer tries in a verification, for the role verify."""
+"""The filter computers_tried: the computers that each computer tries in a verification, for the role verify."""
 
 from __future__ import annotations
 
@@ -23,9 +23,11 @@ options:
     type: dict
     required: true
   observer:
-    description: The computer that looks, usually C(inventory_hostname).
+    description:
+      - The computer that looks, usually C(inventory_hostname).
+      - Without it, the return has all computers that look. The pairs are chosen for the whole fleet, so one call for all costs
+        as much as a call for one.
     type: str
-    required: true
   pairs:
     description:
       - V(all) for all others in a fleet of any size, for example for 400 computers 399.
@@ -39,13 +41,19 @@ EXAMPLES = r"""
 - name: Say whom this computer looks at
   ansible.builtin.debug:
     msg: "{{ multimaster_fleet | rosfleet.multimaster.computers_tried(inventory_hostname, 'auto') }}"
+
+- name: Choose once whom each computer looks at
+  ansible.builtin.set_fact:
+    tried: "{{ multimaster_fleet | rosfleet.multimaster.computers_tried(pairs='auto') }}"
+  run_once: true
 """
 
 RETURN = r"""
 _value:
-  description: The names of these computers in the order of the plan.
-  type: list
-  elements: str
+  description:
+    - The names of these computers in the order of the plan.
+    - Without O(observer), a dictionary with these names for each computer that looks.
+  type: raw
   sample: [kobuki2computer, kobuki3computer]
 """
 
@@ -57,14 +65,18 @@ from ansible.errors import AnsibleFilterError
 from ..plugin_utils._verify.context.pairs import ALL, AUTO, choose_pairs
 
 
-def computers_tried(fleet: Mapping[str, Any], observer: str, pairs: str = AUTO) -> list[str]:
-    """Return the names of the computers to look at; see DOCUMENTATION. Raises AnsibleFilterError."""
+def computers_tried(
+    fleet: Mapping[str, Any], observer: str | None = None, pairs: str = AUTO
+) -> list[str] | dict[str, list[str]]:
+    """Return the names of the computers to look at, of one observer or by observer; see DOCUMENTATION. Raises AnsibleFilterError."""
     if pairs not in (AUTO, ALL):
         raise AnsibleFilterError(f"verify_pairs is {pairs!r}, expected {AUTO} or {ALL}.")
     networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
     observers = [name for name, plan in fleet["computers"].items() if not plan.get("sealed")]
-    targets = choose_pairs(networks, observers, pairs)[observer]
-    return [name for name in networks if name in targets]
+    chosen = choose_pairs(networks, observers, pairs)
+    wanted = observers if observer is None else [observer]
+    tried = {name: [target for target in networks if target in chosen[name]] for name in wanted}
+    return tried if observer is None else tried[observer]
 
 
 class FilterModule:

@@ -28,6 +28,13 @@ def test_a_large_fleet_tries_each_network_and_two_neighbours():
     assert len(computers_tried(fleet(40), "pc1", "all")) == 39
 
 
+@pytest.mark.parametrize("pairs", ["auto", "all"])
+def test_one_call_has_what_each_computer_tries(pairs):
+    every = computers_tried(fleet(40), pairs=pairs)
+    assert list(every) == list(fleet(40)["computers"])
+    assert every == {name: computers_tried(fleet(40), name, pairs) for name in every}
+
+
 def test_another_word_is_refused():
     with pytest.raises(AnsibleFilterError, match="verify_pairs is 'some', expected auto or all"):
         computers_tried(fleet(4), "pc1", "some")
