@@ -45,8 +45,9 @@ def make_inventory(computers: int, answers: Path) -> dict[str, Any]:
 
 
 def make_plan(computers: int) -> FleetPlan:
-    """Make the plan of the same fleet, by the functions behind the action fleet_plan."""
-    return fleet_plan(read_fleet(fleets.behind_gateways(computers)))
+    """Make the plan of the same fleet, by the functions behind the action fleet_plan, which sorts robots: the sample has their order."""
+    fleet = fleets.behind_gateways(computers)
+    return fleet_plan(read_fleet(replace(fleet, robots=dict(sorted(fleet.robots.items())))))
 
 
 def list_answers(plan: FleetPlan) -> Iterator[tuple[str, dict[str, Any]]]:
