@@ -270,6 +270,14 @@ options:
       Seconds of a stream with O(action=stream), from 0.1 to 2, for example V(0.5). It ends earlier after 20 MB.
     type: float
     default: 0.5
+  packed:
+    version_added: "1.1.0"
+    description:
+      - V(true) to register lists and dictionaries of more than 30 O(members) as one text, which M(rosfleet.multimaster.fleet_report),
+        M(rosfleet.multimaster.fleet_packet_trace) and M(rosfleet.multimaster.fleet_bundle) read. So Ansible needs less memory.
+      - The controller reads it, and the computer does not.
+    type: bool
+    default: false
 notes:
   - The return values have one level of fields here. All fields and examples are in C(plugins/module_utils/_contract) of the collection.
 author:
@@ -829,6 +837,7 @@ ARGUMENTS = {
     "patience": {"type": "int", "default": 20},
     "lifetime": {"type": "int", "default": 300},
     "seconds": {"type": "float", "default": 0.5},
+    "packed": {"type": "bool", "default": False},  # read by the action
 }
 
 

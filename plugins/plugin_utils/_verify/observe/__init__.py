@@ -5,6 +5,7 @@
 __all__ = (
     "observations",
     "outcomes",
+    "packed",
     "packet_trace",
     "task_results",
     "uris",

@@ -21,6 +21,7 @@ from ..._plan.model import FleetPlan
 from ..._plan.preflight import MachineState
 from .observations import FilterChains, FilterState, Multicast, Observation, Probe, Streams
 from .outcomes import Outcome, list_outcome_keys
+from .packed import unpack
 from .packet_trace import SeenPackets, SentProbes, TraceObservation, TracePlan
 
 T = TypeVar("T")
@@ -171,9 +172,11 @@ class Registered(Mapping[str, Any]):
 
 
 def find_result(variables: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Find a registered result, or with a dot in the name a part of it; empty if it is missing."""
-    result: Any = variables
-    for key in name.split("."):
+    """Find a registered result, or with a dot in the name a part of it, also in a packed one; empty if it is missing."""
+    first, *others = name.split(".")
+    result: Any = variables[first] if first in variables else {}
+    result = unpack(result) if isinstance(result, Mapping) else {}  # only the whole: its parts are words of a robot
+    for key in others:
         result = result[key] if isinstance(result, Mapping) and key in result else {}
     return result if isinstance(result, Mapping) else {}
 
