@@ -15,6 +15,10 @@ from ..plugin_utils._verify.context.pairs import ALL_UP_TO
 from ..plugin_utils._verify.observe.packed import pack
 
 STOP = "systemctl stop multimaster-verify-talker.service"
+OF_PLAN = (
+    "members",
+    "masters",
+)  # of hundreds of values: a template would visit each of them, for each computer and task
 
 
 class ActionModule(RobotAction):
@@ -23,6 +27,7 @@ class ActionModule(RobotAction):
     def answer(self, args: Mapping[str, Any], task_vars: dict[str, Any]) -> Result:
         """Return the answer of the module, or stop the talker."""
         if args.get("action", args.get("state")) not in ("stop", "stopped"):
+            args = {**take_plan(task_vars.get(str(args.get("fleet")))), **args}
             result = super().answer(args, task_vars)
             is_large = len(args.get("members") or ()) > ALL_UP_TO
             return pack(result) if is_large and boolean(args.get("packed", False)) else result
@@ -31,3 +36,8 @@ class ActionModule(RobotAction):
         # A computer without ROS has no talker. A talker that cannot be stopped ends by itself.
         self._low_level_execute_command(STOP)
         return {"changed": False, "msg": "No talker runs."}
+
+
+def take_plan(plan: object) -> dict[str, Any]:
+    """Return the options that a registered plan of the fleet has; nothing if it is none."""
+    return {name: plan[name] for name in OF_PLAN if name in plan} if isinstance(plan, Mapping) else {}

@@ -88,6 +88,13 @@ options:
         description: Accepted and not read, so that the plan's members can be given as they are.
         type: bool
         default: false
+  fleet:
+    version_added: "1.1.0"
+    description:
+      - The name of the variable with the return of M(rosfleet.multimaster.fleet_plan), for example V(multimaster_fleet). O(members) and
+        O(masters) come from it if they are missing, without a template, which takes long in a large fleet.
+      - The controller reads it, and the computer does not.
+    type: str
   port:
     description: The UDP port of discovery, for example V(11511).
     type: int
@@ -820,6 +827,7 @@ ARGUMENTS = {
     "is_master": {"type": "bool", "default": False},
     "is_router": {"type": "bool", "default": False},
     "members": {"type": "list", "elements": "dict", "options": MEMBER},
+    "fleet": {"type": "str"},  # read by the action
     "port": {"type": "int", "default": 11511},
     "masters": {"type": "list", "elements": "dict", "options": MASTER},
     "present": {"type": "list", "elements": "str"},

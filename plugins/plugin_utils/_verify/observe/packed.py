@@ -24,6 +24,8 @@ OF_ANSIBLE = ("deprecations", "diff", "invocation", "warnings")  # Ansible itsel
 def pack(result: Mapping[str, Any]) -> dict[str, Any]:
     """Return a result with its lists and dictionaries in one text."""
     large = {key: value for key, value in result.items() if isinstance(value, (dict, list)) and key not in OF_ANSIBLE}
+    if not large:
+        return dict(result)
     text = base64.b64encode(zlib.compress(json.dumps(large).encode(), QUICK)).decode()
     return {**{key: value for key, value in result.items() if key not in large}, PACKED: text}
 

@@ -27,6 +27,7 @@ def test_texts_and_what_ansible_reads_stay():
     assert {**packed, "packed": ""} == {"changed": False, "msg": "Looked.", "warnings": ["slow"], "packed": ""}
     assert {**unpack(packed), "packed": ""} == {**RESULT, "packed": ""}
     assert unpack(RESULT) == RESULT
+    assert pack({"failed": True, "msg": "No."}) == {"failed": True, "msg": "No."}
 
 
 def test_the_observation_is_the_same():
