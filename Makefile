@@ -29,6 +29,7 @@ setup-vm:
 
 lab-vm: setup-vm ## build the disks of the lab's virtual machines, Debian 12 and 13 (lab/vm.py; needs root, no KVM)
 	@$(PYTHON) lab/vm.py image bookworm trixie
+	@$(PYTHON) lab/vm.py image --disk wifi bookworm
 
 # With the packages that tests alone need.
 lab-tests: setup

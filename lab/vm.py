@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import ipaddress
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from machines import disk, image, managers, virtual
@@ -52,8 +53,11 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(word)
         return sub
 
-    command("image", "build disks if they are missing").add_argument("suite", nargs="*", default=[image.SUITE])
+    build = command("image", "build disks if they are missing")
+    build.add_argument("suite", nargs="*", default=[image.SUITE])
     up = command("up", "start machines; prints the file of their connection variables")
+    for sub in (build, up):
+        sub.add_argument("--disk", choices=sorted(disk.KINDS), default="disk", help="kind of the disks")
     up.add_argument("--inventory", metavar="DIR", type=Path, help="the computers of an inventory")
     up.add_argument("--machine", metavar=MACHINE, type=_machine, action="append", default=[], help="one machine")
     up.add_argument("--manager", choices=sorted(managers.MANAGERS), default="networkd", help="of all --machine")
@@ -72,11 +76,11 @@ def run(options: argparse.Namespace) -> None:
     name = options.name
     if options.command == "image":
         for suite in options.suite:
-            print(disk.ensure(suite))
+            print(disk.ensure(suite, options.disk))
     elif options.command == "up":
         hosts = hosts_of(read_inventory(options.inventory)) if options.inventory else []
         hosts += [make_host(host, addresses, options.manager, image.SUITE) for host, addresses in options.machine]
-        hosts = choose_suites(hosts, options.suite)
+        hosts = [replace(host, disk=options.disk) for host in choose_suites(hosts, options.suite)]
         virtual.bring_up(name, hosts)
         print(virtual.write_inventory(name, hosts))
     elif options.command == "down":

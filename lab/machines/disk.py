@@ -22,12 +22,19 @@ from machines import image
 from machines.podman import LabError
 
 SIZE = "4G"  # of the file system; the file has holes
-KEPT = 2  # disks of each suite
+KEPT = 2  # disks of each suite and kind
 
-PACKAGES = """
-linux-image-cloud-amd64 initramfs-tools zstd
+_COMMON = """
 network-manager netplan.io ufw firewalld wireguard-tools chrony tcpdump python3-apt
 """.split()
+# The kinds of disks and their packages: the kernel for clouds is the smaller one, and has no drivers of Wi-Fi.
+KINDS = {
+    "disk": ["linux-image-cloud-amd64", "initramfs-tools", "zstd", *_COMMON],
+    "wifi": [
+        *("linux-image-amd64", "initramfs-tools", "zstd", *_COMMON),
+        *("wpasupplicant", "hostapd", "iw", "wireless-regdb", "rfkill"),
+    ],
+}
 
 # The kernel runs this before systemd: it unpacks the files of the computer, which its second disk holds, once.
 INIT = """#!/bin/sh
@@ -55,9 +62,10 @@ HOOKS = [
 
 @dataclass(frozen=True)
 class Disk:
-    """The disk of a release of Debian."""
+    """The disk of a release of Debian, of one of KINDS."""
 
     suite: str
+    kind: str = "disk"
 
     @property
     def base(self) -> image.Image:
@@ -70,7 +78,7 @@ class Disk:
             "mmdebstrap",
             "--variant=custom",
             "--format=directory",
-            f"--include={','.join(PACKAGES)}",
+            f"--include={','.join(KINDS[self.kind])}",
             *(f"--setup-hook={hook}" for hook in SETUP_HOOKS),
             *(f"--customize-hook={hook}" for hook in [*HOOKS, *image.HOOKS]),
             self.suite,
@@ -80,12 +88,12 @@ class Disk:
     def folder(self) -> Path:
         """The folder of its files: root.ext4, vmlinuz, initrd.img."""
         inputs = json.dumps([self.recipe(), self.base.name, SIZE])
-        return image.cache() / f"{self.suite}-disk-{hashlib.sha256(inputs.encode()).hexdigest()[:12]}"
+        return image.cache() / f"{self.suite}-{self.kind}-{hashlib.sha256(inputs.encode()).hexdigest()[:12]}"
 
 
-def ensure(suite: str) -> Path:
+def ensure(suite: str, kind: str = "disk") -> Path:
     """Build the disk if it is missing; return its folder."""
-    disk = Disk(suite)
+    disk = Disk(suite, kind)
     disk.recipe()
     if os.geteuid() != 0:
         raise LabError("virtual machines need root, for their disks and their network namespace: run as root.")
@@ -102,7 +110,10 @@ def ensure(suite: str) -> Path:
 
 
 def _build(disk: Disk) -> None:
-    print(f"disk: building that of {disk.suite} from Debian's packages (two minutes or three) ...", flush=True)
+    print(
+        f"disk: building that of {disk.suite} ({disk.kind}) from Debian's packages (two minutes or three) ...",
+        flush=True,
+    )
     started = time.monotonic()
     unfinished = disk.folder.with_name(f"unfinished-{disk.folder.name}")
     shutil.rmtree(unfinished, ignore_errors=True)
@@ -121,7 +132,9 @@ def _build(disk: Disk) -> None:
         unfinished.rename(disk.folder)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
-    disks = sorted(image.cache().glob(f"{disk.suite}-disk-*"), key=lambda path: path.stat().st_mtime, reverse=True)
+    disks = sorted(
+        image.cache().glob(f"{disk.suite}-{disk.kind}-*"), key=lambda path: path.stat().st_mtime, reverse=True
+    )
     for old in disks[KEPT:]:
         shutil.rmtree(old)
     print(f"disk: built in {time.monotonic() - started:.0f} s", flush=True)

@@ -46,6 +46,7 @@ class Host:
     manager: str = managers.DEFAULT
     mounts: tuple[str, ...] = ()
     suite: str = image.SUITE  # Debian's release
+    disk: str = "disk"  # of a virtual machine: a kind of `disk.KINDS`
 
     def files(self) -> dict[str, str]:
         """Return the files that differ from one computer to the next: path -> content."""

@@ -139,7 +139,7 @@ def _make_networks(lab: str, hosts: Sequence[Host]) -> None:
 
 def _start(lab: str, hosts: Sequence[Host], index: int) -> None:
     host, folder = hosts[index], _folder(lab)
-    parts = disk.ensure(host.suite)
+    parts = disk.ensure(host.suite, host.disk)
     layer, files = folder / f"{host.name}.qcow2", folder / f"{host.name}.tar"
     if not layer.exists():
         _call("qemu-img", "create", "-q", "-f", "qcow2", "-F", "raw", "-b", str(parts / "root.ext4"), str(layer))
@@ -178,8 +178,8 @@ def bring_up(lab: str, hosts: Sequence[Host]) -> None:
         )
     take_down(lab)
     started = time.monotonic()
-    for suite in sorted({host.suite for host in hosts}):
-        disk.ensure(suite)
+    for suite, kind in sorted({(host.suite, host.disk) for host in hosts}):
+        disk.ensure(suite, kind)
     _folder(lab).mkdir(parents=True)
     _sockets(lab).mkdir(mode=0o700, parents=True)
     _make_networks(lab, hosts)
