@@ -28,7 +28,7 @@ from .fault import (
 
 CLOUD = "writes /etc/hosts, and keeps cloud-init from writing the line again at boot"
 THERE = "{there}"  # any computer of a network
-SIGNAL = on("ip -s link; iw dev")
+SIGNAL = on("ip -s link; cat /proc/net/wireless")  # iw dev shows no signal
 SIGNAL_DO = hand("plug the cable in anew, or bring {place} nearer to the access point")
 
 
@@ -255,10 +255,14 @@ LINKS: Mapping[Key, Fault] = {
         "RF-233",
         "{place} saves power on its wireless interface on {what}, which loses and delays packets",
         do=(
-            on("iw dev {device} set power_save off", "until the next boot"),
             on(
-                r"printf '[connection]\nwifi.powersave = 2\n' >/etc/NetworkManager/conf.d/99-user-power-save.conf",
-                "for the next boot, with NetworkManager",
+                "iw dev {device} set power_save off",
+                "until the next boot; with NetworkManager, until it connects again",
+            ),
+            # NetworkManager reads files by name, and Ubuntu's default-wifi-powersave-on.conf after one of digits.
+            on(
+                r"printf '[connection]\nwifi.powersave = 2\n' >/etc/NetworkManager/conf.d/zz-user-power-save.conf; nmcli general reload conf",
+                "for each later connection, with NetworkManager",
             ),
         ),
         look=(on("iw dev; iw dev {device} get power_save"),),
@@ -274,7 +278,7 @@ LINKS: Mapping[Key, Fault] = {
         "RF-237",
         "the link of {place} comes and goes",
         do=(SIGNAL_DO,),
-        look=(on("dmesg --ctime | grep -iE 'link|carrier|wlan' | tail -20"),),
+        look=(on("dmesg --ctime | grep -iE 'link|carrier|disconnect|auth|assoc' | tail -20"),),
         cost=4.0,
         why="a link that is down or loses packets is more frequent",
         hard=False,
