@@ -180,7 +180,8 @@ class ForwardingInterface(Struct):
     )
     point_to_point: bool = field("Whether the interface is one end of a link with two ends, such as a tunnel.", False)
     power_save: typing.Optional[bool] = field(
-        "Whether a wireless interface saves power, as C(iw) reports; null of any other one, and without C(iw).", False
+        "Whether a wireless interface saves power, as C(iw) reports; null of an access point, of any other interface, and without C(iw).",
+        False,
     )
     port_of: str = field(
         "The bridge or bond of which it is a port, or empty. A packet that comes in at a port belongs to the interface above it.",

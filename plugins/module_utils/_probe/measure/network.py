@@ -31,6 +31,7 @@ REPORTED = 3.5  # seconds until a kernel that passes packets on has reported to 
 COUNTED, PACE = 20, 0.025  # echo requests in a row, and the seconds between two of them
 MOST_COUNTED = 32  # computers to which they are sent
 DOWN = ("down", "lowerlayerdown", "notpresent", "dormant")  # operational states of RFC 2863 in which nothing passes
+STATIONS = ("managed", "P2P-client")  # the types of iw's interfaces that save power
 CLOSED, MOST_LINES = ("blackhole ", "unreachable ", "prohibit "), 100
 UNUSED = 9  # a TCP port that no program uses: discard (RFC 863)
 LARGEST = 1500  # bytes of a large packet: the limit of Ethernet
@@ -393,11 +394,17 @@ def link_of(interface: str) -> typing.Dict[str, typing.Any]:
 
 
 def saves_power(interface: str, root: str = "/sys/class/net") -> typing.Optional[bool]:
-    """Return True if a wireless interface saves power (iw(8)); None if it is no wireless one, or iw does not report it."""
+    """Return True if a wireless interface saves power (iw(8)); None if it is no station, or iw does not report it.
+
+    Of an access point, too, the kernel tells the default, which is "on" in Ubuntu; but only a station saves power.
+    """
     if not any(os.path.exists(os.path.join(root, interface, mark)) for mark in ("wireless", "phy80211")):
         return None
     saves = re.search(r"Power save: (on|off)$", run(["iw", "dev", interface, "get", "power_save"]).text, re.MULTILINE)
-    return saves.group(1) == "on" if saves else None
+    if saves and saves.group(1) == "on":
+        kind = re.search(r"^\s*type (.+)$", run(["iw", "dev", interface, "info"]).text, re.MULTILINE)
+        return None if kind and kind.group(1) not in STATIONS else True
+    return False if saves else None
 
 
 def call(addresses: typing.Sequence[str], port: int) -> str:

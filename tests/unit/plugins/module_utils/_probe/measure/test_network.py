@@ -358,20 +358,27 @@ def test_rules_and_routes_that_lead_nowhere_are_read(hosts):
 
 
 @pytest.mark.parametrize(
-    ("told", "saves"),
+    ("told", "kind", "saves"),
     [
-        ("Power save: on\n", True),
-        ("Power save: off\n", False),
-        ("command failed: No such device (-19)\n", None),
-        ("", None),
+        ("Power save: on\n", "managed", True),
+        ("Power save: on\n", "P2P-client", True),
+        ("Power save: on\n", "AP", None),
+        ("Power save: on\n", "mesh point", None),
+        ("Power save: on\n", "", True),
+        ("Power save: off\n", "managed", False),
+        ("command failed: No such device (-19)\n", "managed", None),
+        ("", "", None),
     ],
 )
 @pytest.mark.parametrize("mark", ["wireless", "phy80211"])
-def test_a_wireless_interface_is_asked_for_its_power(tmp_path, monkeypatch, mark, told, saves):
-    """There is no wireless interface here: what iw prints is as its source has it."""
+def test_a_wireless_interface_is_asked_for_its_power(tmp_path, monkeypatch, mark, told, kind, saves):
+    """There is no wireless interface here: what iw prints is as tests/machines/test_wifi.py has seen it."""
     (tmp_path / "wlan0" / mark).mkdir(parents=True)
     (tmp_path / "eth0").mkdir()
     asked = []
-    monkeypatch.setattr(network, "run", lambda argv: asked.append(argv) or Answer(0, told.encode(), ""))
+    info = f"Interface wlan0\n\tifindex 3\n\ttype {kind}\n\twiphy 0\n" if kind else ""
+    answers = {"power_save": told, "info": info}
+    monkeypatch.setattr(network, "run", lambda argv: asked.append(argv) or Answer(0, answers[argv[-1]].encode(), ""))
     assert network.saves_power("wlan0", str(tmp_path)) is saves
-    assert network.saves_power("eth0", str(tmp_path)) is None and len(asked) == 1
+    count = len(asked)
+    assert network.saves_power("eth0", str(tmp_path)) is None and len(asked) == count
