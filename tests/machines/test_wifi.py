@@ -211,6 +211,20 @@ def test_ours_are_there_afterwards_and_no_more_is_lost_than_without_us(lab, acti
     assert not has_ours(lab)
 
 
+def test_a_setting_keeps_networkd_from_losing_anything_at_a_roam(lab, manager):
+    """The setting that docs/start/machines.md advises."""
+    if manager != "networkd":
+        pytest.skip("a setting of networkd")
+    file = "/etc/systemd/network/20-wlan0.network"
+    lab.run(HOST, f"sed -i 's/^Address/IgnoreCarrierLoss=3s\\n&/' {file}; networkctl reload; sleep 3")
+    wait_for_air(lab)
+    try:
+        assert lost_by(lab, roam) == ([], "")
+    finally:
+        lab.run(HOST, f"sed -i /^Ignore/d {file}; networkctl reload; sleep 3")
+        wait_for_air(lab)
+
+
 def test_a_station_that_roams_all_the_time_is_heard(lab):
     """The questions of the module come through: it tries each three times."""
     there, back = (address_of(lab, n) for n in (3 - access_point(lab), access_point(lab)))
