@@ -44,8 +44,8 @@ NODES: Mapping[Key, Fault] = {
         do=(
             site("writes the profile of shells"),
             on(
-                "sed -i.before --follow-symlinks -E 's/^[[:space:]]*(export )?ROS_(HOSTNAME|IP|MASTER_URI)=/: # &/' ~/.bashrc ~/.profile",
-                "as the user who starts nodes, in a new login then; the former files are ~/.bashrc.before and ~/.profile.before",
+                "sed -i.$(date +%s) --follow-symlinks -E 's/^[[:space:]]*(export )?ROS_(HOSTNAME|IP|MASTER_URI)=/: # &/' ~/.bashrc ~/.profile",
+                "as the user who starts nodes, in a new login then; the former files stay beside them, with a number at the end",
             ),
         ),
         look=(on("bash -lic env 2>/dev/null | grep ^ROS; grep -n ROS_ ~/.bashrc ~/.profile /etc/profile.d/*"),),
