@@ -279,9 +279,9 @@ def cut_power(lab: str, host: str) -> None:
     _end(_socket(lab, host, "pid"))
 
 
-def give_power(lab: str, host: str) -> None:
-    """Start a machine whose power was cut, and wait for its boot."""
-    _call(*json.loads(_command(lab, host).read_text()))
+def give_power(lab: str, host: str, *words: str) -> None:
+    """Start a machine whose power was cut, and wait for its boot. `words`: more options of QEMU, for this time."""
+    _call(*json.loads(_command(lab, host).read_text()), *words)
     wait(lab, host)
 
 

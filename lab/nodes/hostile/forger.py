@@ -3,10 +3,10 @@
 
 """Sends datagrams, and beginnings of TCP connections, with any address as their source, of IPv4 or of IPv6.
 
-python3 forger.py INTERFACE MAC PORT [SECONDS]      MAC is that of the receiver, or of the gateway to it
+python3 forger.py INTERFACE MAC PORT [SECONDS [PACE]]      MAC is that of the receiver, or of the gateway to it
 
 Reads JSON from the standard input: a list of [protocol, source, destination]. A datagram's text is "source > destination".
-With SECONDS (120 at most) it sends the list each 5 ms for this time, or until SIGTERM, and prints how often.
+With SECONDS (120 at most) it sends the list each PACE seconds (0.005) for this time, or until SIGTERM, and prints how often.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ import time
 
 INTERFACE, MAC, PORT = sys.argv[1], bytes.fromhex(sys.argv[2].replace(":", "")), int(sys.argv[3])
 FROM = 40000
-PACE = 0.005  # seconds
+PACE = float(sys.argv[5]) if sys.argv[5:] else 0.005  # seconds
 UDP, TCP = 17, 6
 
 
