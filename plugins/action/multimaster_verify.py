@@ -15,10 +15,8 @@ from ..plugin_utils._verify.context.pairs import ALL_UP_TO
 from ..plugin_utils._verify.observe.packed import pack
 
 STOP = "systemctl stop multimaster-verify-talker.service"
-OF_PLAN = (
-    "members",
-    "masters",
-)  # of hundreds of values: a template would visit each of them, for each computer and task
+# A template would visit each of their hundreds of values, for each computer and task.
+OF_PLAN = ("members", "masters")
 
 
 class ActionModule(RobotAction):
