@@ -23,7 +23,7 @@ setup-lab:
 lab: setup-lab ## build the image of the lab's computers
 	@$(PYTHON) lab/lab.py image
 
-# Virtual machines, for 'make test-machines' alone.
+# Virtual machines.
 setup-vm:
 	@bash tools/setup.sh vm
 
@@ -45,7 +45,7 @@ lab-down: setup-lab ## remove everything that the lab made: containers, networks
 	@$(PYTHON) lab/vm.py down --all
 	@$(PYTHON) lab/lab.py down --all
 
-test: lab-tests ## every test
+test: lab-tests setup-vm ## every test
 	@$(PYTHON) tools/test.py
 
 # Python's caches are out of the tree, or 'reuse' would read files that tests are writing.
@@ -68,7 +68,7 @@ unit: setup ## unit tests
 molecule: lab-tests ## the roles in containers: check, converge, idempotence, verify, reboot, verify, teardown
 	@$(PYTHON) tools/test.py molecule
 
-systems: lab-tests ## injected faults and the commands of the README, on real systems
+systems: lab-tests setup-vm ## injected faults and the commands of the README, on real systems
 	@$(PYTHON) tools/test.py systems
 
 test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench

@@ -369,6 +369,7 @@ SUITES = [
     ),
     cases("long", "site", "tests/site", seconds=90),  # the documentation
     cases("machines", "pytest", "--verbose", "tests/machines", cores=CORES, limit=LONG_LIMIT),  # virtual ones
+    cases("systems", "machines", "tests/machines/test_pair.py", *QUICK, cores=CORES, seconds=215),
     cases("long", "unit", *UNIT, *THE_COSTLY),
     more_mixtures(cases("long", "field", "tests/unit/field", seconds=300)),
     *(
