@@ -1,8 +1,12 @@
 # SPDX-FileCopyrightText: rosfleet contributors
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The limits of our units by a machine's own kernel (cgroups), after site.yml."""
+"""Parts of a machine's own kernel: links that lose and delay packets (netem), limits of units (cgroups).
 
+ana's gateway and bob, after site.yml. Five minutes if nothing else runs.
+"""
+
+import contextlib
 import re
 from pathlib import Path
 
@@ -14,6 +18,9 @@ INVENTORY = Path(__file__).with_name("pair")
 BOB = "bob-pc"
 CGROUP = "/sys/fs/cgroup/system.slice"
 UNIT = "multimaster-watchdog"  # the one with the smallest limits
+LOSS = re.compile(
+    r"(ana-gate|bob-pc) loses packets on the common network"
+)  # one end of two, both are told to be looked at
 MEBIBYTE = 2**20
 SIZES = {"K": 2**10, "M": 2**20, "G": 2**30}
 # A program that is moved into a unit's cgroup, and there takes memory, or starts processes: it prints how many there were.
@@ -58,6 +65,40 @@ def read(lab, unit, name):
 def events(lab, unit, name, word):
     """A number of a cgroup's file with events."""
     return int(dict(line.split() for line in read(lab, unit, name).splitlines())[word])
+
+
+@contextlib.contextmanager
+def netem(lab, words):
+    """bob's link is bad within the block, but for the lab's own way in."""
+    lab.run(
+        BOB,
+        f"tc qdisc add dev eth0 root handle 1: prio bands 3 priomap {' '.join('2' * 16)}"
+        f" && tc qdisc add dev eth0 parent 1:3 netem {words}"
+        " && tc filter add dev eth0 parent 1: protocol ip prio 1 u32 match ip dst 192.168.20.254/32 flowid 1:1",
+    )
+    try:
+        yield
+    finally:
+        lab.run(BOB, "tc qdisc delete dev eth0 root")
+
+
+def test_the_fleet_talks(lab):
+    status, output = lab.play("playbooks/verify.yml")
+    assert status == 0 and "PASSED" in output, output
+
+
+def test_a_link_that_delays_is_no_fault(lab):
+    """As by satellite: each packet of bob comes 0.3 s later."""
+    with netem(lab, "delay 300ms"):
+        assert "time=3" in lab.run(BOB, "ping -c 1 -W 5 192.168.20.21")
+        status, output = lab.play("playbooks/verify.yml")
+    assert status == 0 and "PASSED" in output and not LOSS.search(output), output
+
+
+def test_a_link_that_loses_packets_is_named(lab):
+    with netem(lab, "loss 30%"):
+        output = lab.play("playbooks/verify.yml")[1]
+    assert LOSS.search(output), output
 
 
 def test_the_limits_of_all_units_are_those_of_the_kernel(lab):
