@@ -164,7 +164,7 @@ def test_the_module_reads_what_the_driver_does(lab, state):
 
 
 def test_an_access_point_is_not_said_to_save_power(lab):
-    """As with Ubuntu's kernels, whose interfaces save power from the beginning: the kernel tells it of an access point, too."""
+    """As where interfaces save power from the beginning: the kernel tells it of an access point, too."""
     lab.run(
         HOST,
         f"iw dev wlan3 set power_save on; {POINT.format(n=3).replace('-p NetworkNamespacePath=/run/netns/air ', '')}",
