@@ -4,7 +4,7 @@
 """Power that is cut in the middle of site.yml, of a rollback and of a teardown: the emulator is killed at drawn moments.
 
 After the boot each file, unit, setting and rule is the old one or the new one, and the next run mends. LAB_CUTS is the number of
-moments, LAB_SEED draws them: a moment is a number of writes to the disk. Each took about ten minutes beside other work.
+moments, LAB_SEED draws them: a moment is a number of writes to the disk. Each takes two to seven minutes if little else runs.
 """
 
 import hashlib

@@ -396,7 +396,7 @@ def link_of(interface: str) -> typing.Dict[str, typing.Any]:
 def saves_power(interface: str, root: str = "/sys/class/net") -> typing.Optional[bool]:
     """Return True if a wireless interface saves power (iw(8)); None if it is no station, or iw does not report it.
 
-    Of an access point, too, the kernel tells the default, which is "on" in Ubuntu; but only a station saves power.
+    Of an access point, too, the kernel may tell "on"; but only a station saves power.
     """
     if not any(os.path.exists(os.path.join(root, interface, mark)) for mark in ("wireless", "phy80211")):
         return None
