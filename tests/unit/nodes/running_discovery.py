@@ -183,11 +183,9 @@ def move(lab):
 def send_before_closing(lab):
     """Messages to send leave before the sockets close, since the link has come back."""
 
-    def is_up():
-        return (
-            "LOWER_UP"
-            in subprocess.run(["ip", "link", "show", "one"], capture_output=True, text=True, check=True).stdout
-        )
+    def is_up():  # with its queue: a link with a carrier alone (LOWER_UP) drops what is sent until the kernel has made it
+        shown = subprocess.run(["ip", "link", "show", "one"], capture_output=True, text=True, check=True).stdout
+        return " state UP " in shown
 
     def come_back():  # in one pass of the loop: the link is up, a datagram is to be sent, and a look is due
         ip("link set one-end up")
