@@ -74,7 +74,7 @@ systems: lab-tests setup-vm ## injected faults and the commands of the README, o
 test-long: bench-site ## what takes too long for 'make test': losses of minutes, Debian 11, and the bench
 	@$(PYTHON) tools/test.py long
 
-test-machines: lab-vm ## what depends on a kernel and udev, in virtual machines of Debian 12 and 13 (an hour; needs root, no KVM; nothing should run beside it)
+test-machines: lab-vm ## what depends on a kernel and udev, in virtual machines of Debian 12 and 13 (two hours; needs root, no KVM; nothing should run beside it)
 	@$(PYTHON) tools/test.py machines
 
 test-faults: lab-tests ## the catalogue of faults on real systems, and its table in tests/evidence/faults.md (an hour); FUZZ=200 SEED=1: drawn ones

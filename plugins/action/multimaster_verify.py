@@ -37,5 +37,5 @@ class ActionModule(RobotAction):
 
 
 def take_plan(plan: object) -> dict[str, Any]:
-    """Return the options that a registered plan of the fleet has; nothing if it is none."""
+    """Return the options that stand in a registered plan of the fleet; an empty dictionary for anything else."""
     return {name: plan[name] for name in OF_PLAN if name in plan} if isinstance(plan, Mapping) else {}

@@ -6,13 +6,7 @@
 A quarter of an hour if nothing else runs.
 """
 
-import contextlib
 import json
-import os
-import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 import vm
@@ -62,28 +56,10 @@ def state(lab):
     return lab.run(HOST, STATE.replace("/run/began", "/var/lib/began"))
 
 
-@contextlib.contextmanager
 def cut_off(lab, seconds):
     """A change that cuts the controller off, and is taken back after so many seconds. The controller is killed after the block."""
     arguments = json.dumps({"routes": [CUT], "confirm_within": seconds})
-    words = [
-        Path(sys.executable).with_name("ansible"),
-        "-i",
-        lab.inventory,
-        HOST,
-        "-m",
-        "rosfleet.multimaster.routes",
-        "-a",
-        arguments,
-    ]
-    environment = {**os.environ, "ANSIBLE_CONFIG": str(ROOT / "ansible.cfg")}
-    with subprocess.Popen(
-        words, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    ) as controller:
-        try:
-            yield
-        finally:
-            os.killpg(controller.pid, signal.SIGKILL)
+    return lab.controller("ansible", HOST, "-m", "rosfleet.multimaster.routes", "-a", arguments)
 
 
 def is_cut_off(lab):

@@ -15,6 +15,7 @@ from machines.layout import hosts_of, read_inventory
 
 INVENTORY = Path(__file__).with_name("gateways")
 GATES = ("ana-gate", "bob-gate")
+NAT = "table inet fault { chain one { type nat hook postrouting priority srcnat; oifname eth0 masquerade; }; }"
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +62,15 @@ def test_a_second_run_changes_nothing(lab):
 def test_the_fleet_talks_after_a_boot_of_a_gateway(lab):
     lab.reboot("ana-gate")
     play(lab, "playbooks/verify.yml")
+
+
+def test_a_gateway_that_translates_addresses_is_named(lab):
+    lab.run("ana-gate", f"nft '{NAT}'")
+    try:
+        status, output = lab.play("playbooks/verify.yml")
+    finally:
+        lab.run("ana-gate", "nft delete table inet fault")
+    assert status != 0 and "Findings: 1. ana-gate translates addresses (masquerading, NAT)" in output, output
 
 
 def test_a_teardown_takes_ours_alone(lab):

@@ -18,9 +18,8 @@ INVENTORY = Path(__file__).with_name("pair")
 BOB = "bob-pc"
 CGROUP = "/sys/fs/cgroup/system.slice"
 UNIT = "multimaster-watchdog"  # the one with the smallest limits
-LOSS = re.compile(
-    r"(ana-gate|bob-pc) loses packets on the common network"
-)  # one end of two, both are told to be looked at
+# Of a link of two computers, one end is named like the other.
+LOSS = re.compile(r"(ana-gate|bob-pc) loses packets on the common network")
 MEBIBYTE = 2**20
 SIZES = {"K": 2**10, "M": 2**20, "G": 2**30}
 # A program that is moved into a unit's cgroup, and there takes memory, or starts processes: it prints how many there were.

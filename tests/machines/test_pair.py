@@ -3,7 +3,7 @@
 
 """What containers hide, on a pair of machines beside what others have made there: the first site.yml, a boot, the way back.
 
-The only file of this folder of which `make test` runs a part: three and a half minutes if nothing else runs, and one and a half for the disk.
+The only file of this folder of which `make test` runs a part: four minutes if nothing else runs, and one and a half for the disk.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ INVENTORY = Path(__file__).with_name("pair")
 GATE, BOB = HOSTS = ("ana-gate", "bob-pc")
 OURS = "192.168.11.0/24 via 192.168.20.21 dev eth0 proto static"
 OF_ROSCORE = " proto 84 "  # the address that the unit of the roscore makes, and removes
-# The files of ours that are there: those that are written by others at a boot are left out.
+# Our files that are there. Others write these two at a boot.
 STATE = "find /etc /var/lib/rosfleet-multimaster -newer /root/began -type f ! -name adjtime ! -name .pwd.lock 2>/dev/null; true"
 
 

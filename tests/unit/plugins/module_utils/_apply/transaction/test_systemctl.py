@@ -117,10 +117,8 @@ def test_the_folders_of_units(computer):
         (1, 1, "one\ntwo\n", "did not start: it is failed (failed), result exit-code, exit status 3. The end of its "),
         (1, 2, "", "did not start: it is failed (failed), result exit-code, killed by signal 3. Its journal is empty."),
         (
-            -1,
-            0,
-            "",
-            "did not start within 3 s (timeout; of the role: services_timeout): it is failed (failed), result ",
+            *(-1, 0, ""),
+            "did not start within 3 s (timeout; of the role: services_timeout): it is failed (failed), result exit-code. Its journal is empty.",
         ),
     ],
 )

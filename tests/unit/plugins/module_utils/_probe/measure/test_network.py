@@ -380,5 +380,4 @@ def test_a_wireless_interface_is_asked_for_its_power(tmp_path, monkeypatch, mark
     answers = {"power_save": told, "info": info}
     monkeypatch.setattr(network, "run", lambda argv: asked.append(argv) or Answer(0, answers[argv[-1]].encode(), ""))
     assert network.saves_power("wlan0", str(tmp_path)) is saves
-    count = len(asked)
-    assert network.saves_power("eth0", str(tmp_path)) is None and len(asked) == count
+    assert network.saves_power("eth0", str(tmp_path)) is None and len(asked) == (2 if told.endswith("on\n") else 1)
