@@ -121,10 +121,16 @@ def address_of(lab, n):
     return lab.run(HOST, f"ip netns exec air cat /sys/class/net/wlan{n}/address").strip()
 
 
+def look_around(lab, address):
+    """Let the station find an access point, which it forgets after a while."""
+    look = f"wpa_cli -i wlan0 scan >/dev/null; sleep 2; wpa_cli -i wlan0 scan_results | grep -c {address}"
+    wait_until(lambda: lab.run(HOST, look, check=False).strip() == "1", 60, f"the station finds {address}")
+
+
 def roam(lab):
     """Let the station go to the other access point."""
     target = 3 - access_point(lab)
-    lab.run(HOST, "wpa_cli -i wlan0 scan; sleep 4")
+    look_around(lab, address_of(lab, target))
     assert lab.run(HOST, f"wpa_cli -i wlan0 roam {address_of(lab, target)}").strip() == "OK"
     wait_for_air(lab)
     assert access_point(lab) == target
@@ -236,7 +242,7 @@ def test_nothing_is_lost_at_a_roam_with_the_advised_setting(lab, manager):
 def test_a_station_that_roams_all_the_time_is_heard(lab):
     """The questions of the module come through: it tries each three times."""
     there, back = (address_of(lab, n) for n in (3 - access_point(lab), access_point(lab)))
-    lab.run(HOST, "wpa_cli -i wlan0 scan; sleep 4")
+    look_around(lab, there)
     before = observe(lab)[1]["wlan0"]["carrier_changes"]
     loop = f"while :; do for to in {there} {back}; do wpa_cli -i wlan0 roam $to; sleep 4; done; done"
     lab.run(HOST, f"systemd-run --quiet --collect --unit roams bash -c '{loop}'")
