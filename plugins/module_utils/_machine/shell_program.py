@@ -27,6 +27,8 @@ PROMPTS = {
     "bash": MARK.join(("+", "${BASH_SOURCE[0]}", "${LINENO}", "${BASH_SUBSHELL#0}", "")),
     "zsh": MARK.join(("+", "%x", "%I", "%N", "")),
 }
+# People type in the shell inside a terminal multiplexer, and their files start one only outside.
+INSIDE = {"TMUX": "/dev/null,0,0", "STY": "0.none", "ZELLIJ": "0"}
 EVAL = "(eval)"  # whose lines zsh counts from the line of the command `eval` on
 SETTERS = ("export", "declare", "typeset", "readonly")
 
@@ -34,7 +36,7 @@ SETTERS = ("export", "declare", "typeset", "readonly")
 def ask(shell, options, home, names, seconds):
     """Return (values, places): the variables that the shell exports, and (file, line, text) of the line that has set each last; None without an answer."""
     (out, answer), (trace, traced) = os.pipe(), os.pipe()
-    variables = dict(os.environ, HOME=home, SHELL=shell, TERM="dumb", HISTFILE="/dev/null")
+    variables = dict(os.environ, HOME=home, SHELL=shell, TERM="dumb", HISTFILE="/dev/null", **INSIDE)
     kind, nothing = os.path.basename(shell), subprocess.DEVNULL
     if kind in PROMPTS:
         variables.update(PS4=PROMPTS[kind], BASH_XTRACEFD=str(traced))

@@ -27,6 +27,7 @@ NAMES = shells.VARIABLES
 NOBODY = pwd.getpwnam("nobody")
 CASES = {name.removesuffix(".yml"): yaml.safe_load(content) for name, content in field.read("shells").items()}
 MAIN = {"bash": ".bashrc", "zsh": ".zshrc", "fish": ".config/fish/config.fish"}
+INSIDE = ["TMUX=/tmp/tmux-1000/default,4242,0", "STY=4242.pts-0.robot", "ZELLIJ=0"]  # of a terminal multiplexer
 LITERAL = re.compile(r"""\b(ROS_\w+)(?:=|\s+)(?:"([^"$`]*)"|'([^']*)'|([\w.:/-]+)(?=[\s;})&]|$))""")
 
 
@@ -68,7 +69,7 @@ class Home:
     def export(self):
         """Ask the interactive shell as a terminal does, without any of our code: the variables that it exports."""
         words = ["setpriv", f"--reuid={NOBODY.pw_uid}", f"--regid={NOBODY.pw_gid}", "--clear-groups", "env", "-i"]
-        words += [f"HOME={self.person.home}", "PATH=/usr/bin:/bin", "TERM=dumb", "USER=robot", "LANG=C.UTF-8"]
+        words += [f"HOME={self.person.home}", "PATH=/usr/bin:/bin", "TERM=dumb", "USER=robot", "LANG=C.UTF-8", *INSIDE]
         words += ["timeout", "10", self.person.shell, "-i", "-c", "exec env -0"]
         output = subprocess.run(words, cwd=self.person.home, capture_output=True, check=False).stdout.decode(
             errors="replace"
