@@ -13,6 +13,7 @@ version_added: "1.0.0"
 description:
   - Up to 30 computers look at all others. In a larger fleet most pairs say nothing new, so a computer tries the next two
     of its own network, and one computer of each other network, another one than its neighbours try.
+  - If there are more than 30 other networks, the computers of one network share them.
   - So every way between two networks is tried, and every computer is looked at, and looks at others, at least twice.
 author:
   - rosfleet contributors (@rosfleet)

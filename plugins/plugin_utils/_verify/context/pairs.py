@@ -7,10 +7,11 @@ Pure: the members in, names out. 400 computers have 159,600 pairs, and most of t
 network share the way to another network. So a large fleet is sampled by a rule that needs no search:
 
 * on its own network, a computer tries the next two in the order of the inventory, as on a ring;
-* on every other network it tries one computer, and its neighbours try others.
+* on every other network it tries one computer, and its neighbours try others;
+* if there are more than thirty other networks, the computers of one network share them: each takes every second, every third...
 
-So every way between networks is tried in both directions. Every computer tries two others at least, and two others at least
-try it, if there are so many.
+So every way between networks is tried in both directions, and the pairs grow with the computers. Every computer tries two
+others at least, and two others at least try it, if there are so many.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 AUTO, ALL = "auto", "all"
 ALL_UP_TO = 30  # computers: so many are tried in all pairs
 AT_LEAST = 2  # times that each computer is looked at
+NETWORKS = 30  # other networks that one computer tries, if its neighbours try the rest
 STREAMS = 300.0  # seconds of all streams that measure throughput
 SHORTEST, LONGEST = 0.1, 2.0  # seconds of one
 START = 3.0  # seconds until a computer begins with its streams, if it is slow
@@ -40,18 +42,31 @@ def choose_pairs(networks: Mapping[str, str], observers: Iterable[str], pairs: s
     rings: dict[str, list[str]] = {}
     for name, network in networks.items():
         rings.setdefault(network, []).append(name)
-    places = {name: place for ring in rings.values() for place, name in enumerate(ring)}
-    chosen = {name: _targets(name, networks.get(name, ""), places.get(name, 0), rings) for name in names}
+    sharing: dict[str, list[str]] = {}
+    for name in names:
+        sharing.setdefault(networks.get(name, name), []).append(name)  # a router shares with nobody
+    chosen = {name: _targets(name, networks.get(name, ""), sharing[networks.get(name, name)], rings) for name in names}
     return _add_rare_targets(chosen, [name for name in names if name in networks])
 
 
-def _targets(name: str, own: str, place: int, rings: Mapping[str, Sequence[str]]) -> set[str]:
-    """Return the next two on the own ring, and one of each other ring; neighbours get different ones."""
-    start = place + list(rings).index(own) if own else 0
-    others = {ring[(start + number) % len(ring)] for number, (key, ring) in enumerate(rings.items()) if key != own}
+def _targets(name: str, own: str, sharing: Sequence[str], rings: Mapping[str, Sequence[str]]) -> set[str]:
+    """Return the next two on the own ring, and the share of one computer in the other rings; neighbours get different ones.
+
+    `sharing` has the computers of the ring that look at others, this one among them.
+    """
     ring = rings.get(own, ())
-    neighbours = {ring[(place + step) % len(ring)] for step in range(1, AT_LEAST + 1) if ring}
-    return (others | neighbours) - {name}
+    others = [other for key, other in rings.items() if key != own]
+    share = min(len(sharing), -(-len(others) // NETWORKS))  # each takes every so many
+    place = sharing.index(name)
+    start = place + list(rings).index(own) if own else 0
+    theirs = {
+        other[(start + number // share) % len(other)]
+        for number, other in enumerate(others)
+        if (number + place) % share == 0
+    }
+    on_ring = ring.index(name) if ring else 0
+    neighbours = {ring[(on_ring + step) % len(ring)] for step in range(1, AT_LEAST + 1) if ring}
+    return (theirs | neighbours) - {name}
 
 
 def _add_rare_targets(chosen: dict[str, set[str]], computers: Sequence[str]) -> Targets:
