@@ -16,7 +16,7 @@ from ..plugin_utils._adopt.infer import propose
 from ..plugin_utils._adopt.proposal import Proposal
 from ..plugin_utils._base.plain_text import LINE, plain, plain_data, quote
 from ..plugin_utils._inventory import read
-from ..plugin_utils._robot_io.refusal import FleetAction, Refusal
+from ..plugin_utils._robot_io.refusal import FleetAction, Refusal, fail_plainly
 
 
 class ActionModule(FleetAction):
@@ -33,7 +33,7 @@ class ActionModule(FleetAction):
         machines, unread = _read_machines(names, hostvars, str(args.get("machine")))
         proposal = propose(machines, unread)
         if not proposal.robots:
-            return {"failed": True, "msg": _explain_no_robot(proposal), "left_out": _list_left_out(proposal)}
+            return fail_plainly(_explain_no_robot(proposal), left_out=_list_left_out(proposal))
         files = write.files(proposal, {name: _read_variables(hostvars, name) for name in names})
         if not self._task.check_mode:
             try:

@@ -41,6 +41,6 @@ class ActionModule(FleetAction):
         warnings = [plain(text, LINE) for text in comparison.warnings]
         if problems and boolean(args.get("refuse", True)):
             # Ansible prints the result of a failed task. So the plan, which no task uses then, is not in it.
-            return {"warnings": warnings, "noted": [], **refuse(problems)}
+            return refuse(problems, warnings=warnings, noted=[])
         plain_plan, found = to_plain(comparison.plan), to_plain(comparison.state)
         return {**plain_plan, "warnings": warnings, "found": found, "problems": [], "noted": problems}

@@ -18,6 +18,7 @@ import hostile_answers
 import pytest
 import shown
 import worlds
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import (
     fleet_adopt,
@@ -157,7 +158,7 @@ def acted(action, hostvars=None, **args):
         "ansible_play_hosts_all": list(hostvars or ()),
         "inventory_dir": "/home/me/fleet",
     }
-    return action.ActionModule(task, connection, context, None, None, None).run(task_vars=variables)
+    return act(action.ActionModule(task, connection, context, None, None, None), variables)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -18,10 +18,7 @@ from ansible.utils.display import Display
 
 from .._base.sentences import number_problems
 
-PRINTS_LINES = (
-    2,
-    19,
-)  # since then Ansible prints the message of a failed task line by line; before, as one line of JSON
+SHOWS_ORIGINS = (2, 19)  # since then Ansible prints of a failed task also the place of its lines
 
 
 class Refusal(Exception):
@@ -48,26 +45,26 @@ class FleetAction(ActionBase):  # type: ignore[misc]  # ansible-core has no type
         try:
             return {**result, "changed": False, **self.answer(self._task.args, task_vars or {})}
         except Refusal as problem:
-            return {**result, "failed": True, "msg": str(problem)}
+            return fail_plainly(str(problem), **result)
 
     def answer(self, args: Mapping[str, Any], task_vars: dict[str, Any]) -> dict[str, Any]:
         """Return the answer to the options of the task. Raises Refusal."""
         raise NotImplementedError
 
 
-def refuse(problems: Sequence[str]) -> dict[str, Any]:
-    """Return the result of a task that refuses. Several problems are printed here if Ansible would print them on one line."""
+def refuse(problems: Sequence[str], **values: Any) -> dict[str, Any]:
+    """Fail with these problems, and these values in the result; see fail_plainly. Several are printed, since a result is one line."""
     message = number_problems(problems)
-    if len(problems) > 1 and _read_version(__version__) < PRINTS_LINES:
+    if len(problems) > 1:
         Display().display(message, color=constants.COLOR_ERROR, stderr=True)
-    return {"failed": True, "problems": list(problems), "msg": message}
+    return fail_plainly(message, problems=list(problems), **values)
 
 
-def fail_plainly(message: str) -> dict[str, Any]:
+def fail_plainly(message: str, **values: Any) -> dict[str, Any]:
     """Return the result of a task that fails as it is meant to; with ansible-core 2.19 and later, raise PlainFailure for it."""
-    if _read_version(__version__) >= PRINTS_LINES:
-        raise PlainFailure(message)
-    return {"failed": True, "msg": message}
+    if _read_version(__version__) >= SHOWS_ORIGINS:
+        raise PlainFailure(message, result={"changed": False, **values})
+    return {"changed": False, **values, "failed": True, "msg": message}
 
 
 def _read_version(text: str) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ import os
 import types
 
 import pytest
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_adopt
 from mentioned import mentions
@@ -38,9 +39,7 @@ def adopt(folder, infos=INFOS, check=False, diff=False, given=None, **options):
     task.args = {"machines": list(infos), "machine": "adopt_found", "path": str(folder), **options}
     task.check_mode, task.diff = check, diff
     connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
-    return fleet_adopt.ActionModule(task, connection, None, None, None, None).run(
-        task_vars={"hostvars": Hosts(infos, given)}
-    )
+    return act(fleet_adopt.ActionModule(task, connection, None, None, None, None), {"hostvars": Hosts(infos, given)})
 
 
 def test_a_folder_is_written_as_a_whole(tmp_path):

@@ -13,6 +13,7 @@ import zipfile
 
 import fleets
 import pytest
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_bundle, fleet_report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
@@ -52,7 +53,7 @@ def run(kind, seen=None, lines=(), **options):
     context = types.SimpleNamespace(password=None, become_pass="given by hand")
     hostvars = {name: registered(entry, list(lines)) for name, entry in (seen or {}).items()}
     module = kind.ActionModule(task, connection, context, None, None, None)
-    return module.run(task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(hostvars), "inventory_dir": "/x"})
+    return act(module, {"hostvars": hostvars, "ansible_play_hosts_all": list(hostvars), "inventory_dir": "/x"})
 
 
 def bundle(fleet, path, change=None, logs=(), **options):

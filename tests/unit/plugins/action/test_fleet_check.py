@@ -5,6 +5,7 @@
 
 import types
 
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action.fleet_check import ActionModule
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import from_plain, to_plain
@@ -39,7 +40,7 @@ def check(plan, machine=None, **options):
     task.args = {"plan": plan, "machine": machine or MACHINE, **options}
     task.check_mode = False
     connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
-    return ActionModule(task, connection, None, None, None, None).run(task_vars={})
+    return act(ActionModule(task, connection, None, None, None, None), {})
 
 
 def test_the_plan_comes_back_as_plain_data():

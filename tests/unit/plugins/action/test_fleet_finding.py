@@ -6,6 +6,7 @@
 import types
 
 import pytest
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_finding
 
@@ -24,7 +25,7 @@ def told(finding):
     task.action, task.async_val, task.check_mode = "rosfleet.multimaster.fleet_finding", 0, False
     task.args = {"finding": finding}
     connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
-    return fleet_finding.ActionModule(task, connection, None, None, None, None).run(task_vars={})
+    return act(fleet_finding.ActionModule(task, connection, None, None, None, None), {})
 
 
 @pytest.mark.parametrize(("verdict", "failed"), [("failed", True), ("warning", False), ("unknown", False)])

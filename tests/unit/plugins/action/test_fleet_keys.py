@@ -8,6 +8,7 @@ import types
 from pathlib import Path
 
 import pytest
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_keys
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
@@ -41,7 +42,7 @@ def fixture_gather(tmp_path):
             host: {"own": result, "inventory_dir": (folders or {}).get(host, "/inventory")}
             for host, result in told.items()
         }
-        return module.run(task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(told)})
+        return act(module, {"hostvars": hostvars, "ansible_play_hosts_all": list(told)})
 
     run.path = path
     return run

@@ -6,6 +6,7 @@
 import types
 
 import pytest
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_predict
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
@@ -27,9 +28,7 @@ def predict(read, failed=(), **options):
     hostvars = {name: {"multimaster_info": info} for name, info in read.items()}
     module = fleet_predict.ActionModule(task, connection, None, None, None, None)
     present = [name for name in read if name not in failed]
-    return module.run(
-        task_vars={"hostvars": hostvars, "ansible_play_hosts_all": list(read), "ansible_play_hosts": present}
-    )
+    return act(module, {"hostvars": hostvars, "ansible_play_hosts_all": list(read), "ansible_play_hosts": present})
 
 
 def machines(world=WORLD):

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import fleets
 import pytest
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_report
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain import to_plain
@@ -47,13 +48,14 @@ def judge(change=None, fleet=None, inventory="/home/me/our fleet", source="hosts
     connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
     module = fleet_report.ActionModule(task, connection, None, None, None, None)
     hostvars = {name: registered(entry) for name, entry in seen.items()}
-    return module.run(
-        task_vars={
+    return act(
+        module,
+        {
             "hostvars": hostvars,
             "ansible_play_hosts_all": list(seen),
             "inventory_dir": inventory,
             "ansible_inventory_sources": [source],
-        }
+        },
     )
 
 

@@ -8,6 +8,7 @@ import re
 import types
 
 import pytest
+from acting import act
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import fleet_watch
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import is_plain
@@ -32,12 +33,13 @@ def watch(monkeypatch):
         connection = types.SimpleNamespace(_shell=types.SimpleNamespace(tmpdir=None))
         action = fleet_watch.ActionModule(task, connection, None, None, None, None)
         variables = {host: {"verify_watch_told": part} for host, part in told.items()}
-        result = action.run(
-            task_vars={
+        result = act(
+            action,
+            {
                 "hostvars": variables,
                 "ansible_play_hosts_all": list(told),
                 "ansible_inventory_sources": list(sources),
-            }
+            },
         )
         return result, "\n".join(shown)
 
