@@ -63,6 +63,8 @@ def refuse(problems: Sequence[str], **values: Any) -> dict[str, Any]:
 def fail_plainly(message: str, **values: Any) -> dict[str, Any]:
     """Return the result of a task that fails as it is meant to; with ansible-core 2.19 and later, raise PlainFailure for it."""
     if _read_version(__version__) >= SHOWS_ORIGINS:
+        for warning in values.get("warnings", ()):  # Ansible leaves those of an exception out
+            Display().warning(warning)
         raise PlainFailure(message, result={"changed": False, **values})
     return {"changed": False, **values, "failed": True, "msg": message}
 
