@@ -17,8 +17,11 @@ INVENTORY = Path(__file__).with_name("pair")
 GATE, BOB = HOSTS = ("ana-gate", "bob-pc")
 OURS = "192.168.11.0/24 via 192.168.20.21 dev eth0 proto static"
 OF_ROSCORE = " proto 84 "  # the address that the unit of the roscore makes, and removes
-# Our files that are there. Others write these two at a boot.
-STATE = "find /etc /var/lib/rosfleet-multimaster -newer /root/began -type f ! -name adjtime ! -name .pwd.lock 2>/dev/null; true"
+# What each file holds; others write these two at a boot.
+STATE = (
+    "find /etc /var/lib/rosfleet-multimaster -type f ! -name adjtime ! -name .pwd.lock -exec sha256sum {} + 2>/dev/null"
+    " | sort; true"
+)
 
 
 @pytest.fixture(scope="module")
@@ -27,13 +30,12 @@ def lab(new_machines):
     with new_machines("machines-pair", hosts_of(read_inventory(INVENTORY)), INVENTORY) as found:
         for number, host in enumerate(HOSTS):
             found.run(host, "set -e" + SET.format(first="192.168.20").replace(".99/", f".{98 + number}/"))
-            found.run(host, "touch /root/began; sleep 1")
         yield found
 
 
 @pytest.fixture(scope="module")
 def before(lab):
-    return {host: lab.run(host, STATE) for host in HOSTS}
+    return {host: lab.run(host, STATE).splitlines() for host in HOSTS}
 
 
 def play(lab, name):
@@ -64,4 +66,4 @@ def test_a_teardown_takes_back_ours_alone(lab, before):
     assert [line for line in gate.deleted if OF_ROSCORE not in line] == []
     assert (gate.lost, gate.new) == ([], [])
     assert OURS not in lab.run(BOB, "ip route")
-    assert {host: lab.run(host, STATE) for host in HOSTS} == before
+    assert {host: lab.run(host, STATE).splitlines() for host in HOSTS} == before
