@@ -25,6 +25,8 @@ FOLDER = "/run/rosfleet-multimaster"
 LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes are half a megabyte
 ENDING = 5.0  # seconds that a process has to end, and to put its door away
 PAUSE = 0.02  # seconds between two looks whether it has
+REQUEST = 2.0  # seconds that a process waits for a request, and does nothing else
+VISITS = 3  # of a program that a busy computer holds up on the way to its request
 RIVALS = 3  # tasks of one run that begin at the same time on a computer; the last one stays
 
 Line = typing.Dict[str, typing.Any]
@@ -131,15 +133,16 @@ def _bind(path: str) -> socket.socket:
     return door
 
 
-def admit(door: socket.socket) -> typing.Tuple[socket.socket, Line]:
-    """Accept the next visitor; a request in a wrong form counts as an empty one."""
+def admit(door: socket.socket) -> typing.Optional[typing.Tuple[socket.socket, Line]]:
+    """Accept the next visitor, and read its request; None without a request in time: that visitor tries again."""
     connection = door.accept()[0]
-    connection.settimeout(2)
-    try:
+    connection.settimeout(REQUEST)
+    with contextlib.suppress(OSError, ValueError):
         request = json.loads(_line(connection))
-    except (OSError, ValueError):
-        request = {}
-    return connection, request if isinstance(request, dict) else {}
+        if isinstance(request, dict):
+            return connection, request
+    connection.close()
+    return None
 
 
 def answer(connection: socket.socket, reply: Line) -> None:
@@ -165,10 +168,18 @@ class Visit:
     def __init__(self, path: str, request: Line) -> None:
         if os.stat(path).st_uid != os.geteuid():
             raise PermissionError(f"{quote(path)} belongs to another user")
-        self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self.connection.settimeout(5)
-        self.connection.connect(path)
-        self.connection.sendall(json.dumps(request).encode() + b"\n")
+        line = json.dumps(request).encode() + b"\n"
+        for left in reversed(range(VISITS)):
+            self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            self.connection.settimeout(5)
+            try:
+                self.connection.connect(path)
+                self.connection.sendall(line)
+                break
+            except (BrokenPipeError, ConnectionResetError):  # it has waited for long enough, or has ended
+                self.connection.close()
+                if not left:
+                    raise
 
     def reply(self, seconds: float) -> typing.Optional[Line]:
         """Read the reply; None if the process ended without one, or not within that time."""

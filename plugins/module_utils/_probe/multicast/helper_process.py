@@ -99,7 +99,10 @@ def serve(sockets: HelperSockets, settings: HelperSettings, path: str) -> None:
                     for data, source in take_waiting(lambda: sockets.control.recvfrom(512)):
                         send(sockets.control, helper.message(time.monotonic(), time.time(), source, data), errors)
                 else:
-                    connection, request = admit(ready)
+                    visitor = admit(ready)
+                    if visitor is None:
+                        continue
+                    connection, request = visitor
                     if request.get("do") == "end":
                         waiting.append(connection)  # closed when everything is put away
                         return

@@ -77,8 +77,9 @@ def _listen(
         ready = select.select([link, door], [], [], max(0.0, until - time.monotonic()))[0]
         for found in read_packets(link, tag, AT_ONCE, own_ports) if link in ready else ():
             packets.take(found)
-        if door in ready:
-            return admit(door)[0]
+        visitor = admit(door) if door in ready else None
+        if visitor:
+            return visitor[0]
     return None
 
 

@@ -89,8 +89,9 @@ def serve(raw: socket.socket, door: socket.socket, path: str, params: Params) ->
                 looked = began
                 lost = watch.read(time.time(), values) or lost
             alarm = min(alarm, time.monotonic()) if lost else alarm
-            if door in ready:
-                connection, request = admit(door)
+            visitor = admit(door) if door in ready else None
+            if visitor:
+                connection, request = visitor
                 if request.get("do") == "end":
                     waiting.append((connection, 0.0))
                     return

@@ -3,6 +3,7 @@
 
 """Doors of processes that outlive their module: an older process has put its own away before a new one opens."""
 
+import socket
 import tempfile
 import threading
 import time
@@ -55,6 +56,32 @@ def test_of_two_that_begin_together_the_later_one_stays(path):
         assert not first.is_alive()
         background.Visit(path, {"do": "tell"})
         assert background.admit(second)[1] == {"do": "tell"}
+
+
+@pytest.mark.parametrize("late", [1, background.VISITS])
+def test_a_visitor_that_is_held_up_comes_again(path, monkeypatch, late):
+    class LateSocket(socket.socket):
+        left = late
+
+        def sendall(self, data):
+            if LateSocket.left:  # until the process no longer waits
+                LateSocket.left -= 1
+                assert self.recv(1) == b""
+            super().sendall(data)
+
+    monkeypatch.setattr(background, "REQUEST", 0.05)
+    admitted = []
+    with background.open_door(path) as door:
+        thread = threading.Thread(target=lambda: admitted.extend(background.admit(door) for _time in range(late + 1)))
+        thread.start()
+        monkeypatch.setattr(background.socket, "socket", LateSocket)
+        if late == background.VISITS:
+            with pytest.raises(BrokenPipeError):
+                background.Visit(path, {"do": "tell"})
+            LateSocket.left = 0
+        background.Visit(path, {"do": "tell"})
+        thread.join(5)
+    assert admitted[:-1] == [None] * late and admitted[-1][1] == {"do": "tell"}
 
 
 def test_a_door_that_is_in_use_is_an_error(path, monkeypatch):
