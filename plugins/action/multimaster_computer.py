@@ -14,6 +14,7 @@ from ..plugin_utils._plan.environment import SEEN, find_differences
 from ..plugin_utils._robot_io import trees
 from ..plugin_utils._robot_io.concerns import UnknownTag, choose_concerns
 from ..plugin_utils._robot_io.confirmation import GuardedAction, Result, seconds_of, wait_of
+from ..plugin_utils._robot_io.refusal import fail_plainly
 
 # The concerns that can cut the controller off. If one of them waits for its confirmation, the others wait, too.
 GUARDED = ("sysctl", "routes", "firewall", *(feature.guarded for feature in FEATURES if feature.guarded))
@@ -35,7 +36,7 @@ class ActionModule(GuardedAction):
         try:
             args = choose_concerns(args, run_tags, skip_tags, self._task.tags)
         except UnknownTag as problem:
-            return {"failed": True, "msg": str(problem)}
+            return fail_plainly(str(problem))
         if not args:
             return {"changed": False, "msg": "The tags of this run leave out all concerns of this task."}
         if "managed_files" in args:

@@ -13,11 +13,11 @@ version_added: "1.0.0"
 description:
   - Up to 30 computers look at all others. In a larger fleet most pairs say nothing new, so a computer tries the next two
     of its own network, and one computer of each other network, another one than its neighbours try.
-  - If there are more than 30 other networks, the computers of one network share them.
+  - If there are more than 30 other networks, each computer of a network tries only a part of them, and together they try all.
   - So every way between two networks is tried, and every computer is looked at, and looks at others, at least twice.
 author:
   - rosfleet contributors (@rosfleet)
-positional: _input, observer, pairs
+positional: _input, observer, pairs, hosts
 options:
   _input:
     description: The return of M(rosfleet.multimaster.fleet_plan).
@@ -36,6 +36,11 @@ options:
     type: str
     choices: [auto, all]
     default: auto
+  hosts:
+    description: The computers of the run, usually C(ansible_play_hosts_all), because others try nothing. By default all of the plan.
+    type: list
+    elements: str
+    version_added: "1.1.0"
 """
 
 EXAMPLES = r"""
@@ -45,7 +50,7 @@ EXAMPLES = r"""
 
 - name: Choose once whom each computer looks at
   ansible.builtin.set_fact:
-    tried: "{{ multimaster_fleet | rosfleet.multimaster.computers_tried(pairs='auto') }}"
+    tried: "{{ multimaster_fleet | rosfleet.multimaster.computers_tried(pairs='auto', hosts=ansible_play_hosts_all) }}"
   run_once: true
 """
 
@@ -58,7 +63,7 @@ _value:
   sample: [kobuki2computer, kobuki3computer]
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
@@ -67,13 +72,15 @@ from ..plugin_utils._verify.context.pairs import ALL, AUTO, choose_pairs
 
 
 def computers_tried(
-    fleet: Mapping[str, Any], observer: str | None = None, pairs: str = AUTO
+    fleet: Mapping[str, Any], observer: str | None = None, pairs: str = AUTO, hosts: Collection[str] | None = None
 ) -> list[str] | dict[str, list[str]]:
     """Return the names of the computers to look at, of one observer or by observer; see DOCUMENTATION. Raises AnsibleFilterError."""
     if pairs not in (AUTO, ALL):
         raise AnsibleFilterError(f"verify_pairs is {pairs!r}, expected {AUTO} or {ALL}.")
     networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
     observers = [name for name, plan in fleet["computers"].items() if not plan.get("sealed")]
+    if hosts is not None:
+        observers = [name for name in observers if name in set(hosts)]
     chosen = choose_pairs(networks, observers, pairs)
     wanted = observers if observer is None else [observer]
     tried = {name: [target for target in networks if target in chosen[name]] for name in wanted}

@@ -12,10 +12,10 @@ short_description: The streams that measure the throughput between computers
 version_added: "1.0.0"
 description:
   - Each computer sends to those that it tries; see P(rosfleet.multimaster.computers_tried#filter). One stream is sent at a time. All
-    together take 300 seconds at most. If that is not enough, each computer sends to every second of those that it tries, or to fewer.
+    together take 300 seconds at most. If that is not enough, each computer sends only to some of those that it tries.
 author:
   - rosfleet contributors (@rosfleet)
-positional: _input, seconds, pairs, least
+positional: _input, seconds, pairs, least, hosts
 options:
   _input:
     description: The return of M(rosfleet.multimaster.fleet_plan).
@@ -34,6 +34,11 @@ options:
     description: How many Mbit/s are expected, from 0 to 1000000, for example V(20). Another value is refused; the streams do not depend on it.
     type: float
     default: 0
+  hosts:
+    description: The computers of the run, as for P(rosfleet.multimaster.computers_tried#filter). By default all of the plan.
+    type: list
+    elements: str
+    version_added: "1.1.0"
 """
 
 EXAMPLES = r"""
@@ -50,7 +55,7 @@ _value:
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from ansible.errors import AnsibleFilterError
@@ -61,7 +66,11 @@ MOST = 1_000_000  # Mbit/s
 
 
 def throughput_streams(
-    fleet: Mapping[str, Any], seconds: Any, pairs: str = tried.AUTO, least: Any = 0
+    fleet: Mapping[str, Any],
+    seconds: Any,
+    pairs: str = tried.AUTO,
+    least: Any = 0,
+    hosts: Collection[str] | None = None,
 ) -> dict[str, Any]:
     """Return which computer sends to which; see DOCUMENTATION. Raises AnsibleFilterError."""
     length = _read_number(
@@ -70,9 +79,10 @@ def throughput_streams(
     _read_number("verify_throughput_least", least, 0, MOST, f"a number of Mbit/s from 0 to {MOST}")
     if not length:
         return {"to": {}, "seconds": 0}
-    sealed = {name for name, plan in fleet["computers"].items() if plan.get("sealed")}
-    networks = {member["name"]: str(member["network"]) for member in fleet["members"] if member["name"] not in sealed}
-    to = tried.streams(tried.choose_pairs(networks, networks, pairs), list(networks), length)
+    networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
+    open_ones = [name for name in networks if not fleet["computers"][name].get("sealed")]
+    senders = [name for name in open_ones if hosts is None or name in set(hosts)]
+    to = tried.streams(tried.choose_pairs(networks, senders, pairs), open_ones, length)
     return {"to": to, "seconds": math.ceil(tried.number(to) * length + len(to) * tried.START)}
 
 

@@ -17,10 +17,10 @@ INVENTORY = Path(__file__).with_name("pair")
 GATE, BOB = HOSTS = ("ana-gate", "bob-pc")
 OURS = "192.168.11.0/24 via 192.168.20.21 dev eth0 proto static"
 OF_ROSCORE = " proto 84 "  # the address that the unit of the roscore makes, and removes
-# What each file holds; others write these two at a boot.
+# What each file holds, and where each link points to; others write these two files at a boot.
 STATE = (
-    "find /etc /var/lib/rosfleet-multimaster -type f ! -name adjtime ! -name .pwd.lock -exec sha256sum {} + 2>/dev/null"
-    " | sort; true"
+    "for folder in /etc /var/lib/rosfleet-multimaster; do [ ! -d $folder ] ||"
+    r" find $folder -type f ! -name adjtime ! -name .pwd.lock -exec sha256sum {} + -o -type l -printf '%p -> %l\n'; done | sort"
 )
 
 
@@ -35,7 +35,9 @@ def lab(new_machines):
 
 @pytest.fixture(scope="module")
 def before(lab):
-    return {host: lab.run(host, STATE).splitlines() for host in HOSTS}
+    found = {host: lab.run(host, STATE).splitlines() for host in HOSTS}
+    assert all(found.values())
+    return found
 
 
 def play(lab, name):

@@ -26,7 +26,7 @@ LONGEST_LINE = 1 << 24  # bytes of a request or reply; the files of the nodes ar
 ENDING = 5.0  # seconds that a process has to end, and to put its door away
 PAUSE = 0.02  # seconds between two looks whether it has
 REQUEST = 2.0  # seconds that a process waits for a request, and does nothing else
-VISITS = 3  # of a program that a busy computer holds up on the way to its request
+VISITS = 3  # times that a visitor tries: a busy computer may stop it between its arrival and its request
 RIVALS = 3  # tasks of one run that begin at the same time on a computer; the last one stays
 
 Line = typing.Dict[str, typing.Any]
@@ -134,7 +134,7 @@ def _bind(path: str) -> socket.socket:
 
 
 def admit(door: socket.socket) -> typing.Optional[typing.Tuple[socket.socket, Line]]:
-    """Accept the next visitor, and read its request; None without a request in time: that visitor tries again."""
+    """Accept the next visitor, and read its request; None if none comes in time, or one in a wrong form. A late visitor tries again."""
     connection = door.accept()[0]
     connection.settimeout(REQUEST)
     with contextlib.suppress(OSError, ValueError):
@@ -176,9 +176,10 @@ class Visit:
                 self.connection.connect(path)
                 self.connection.sendall(line)
                 break
-            except (BrokenPipeError, ConnectionResetError):  # it has waited for long enough, or has ended
+            except OSError as problem:
                 self.connection.close()
-                if not left:
+                # The process has waited for long enough, or has ended.
+                if not left or not isinstance(problem, (BrokenPipeError, ConnectionResetError)):
                     raise
 
     def reply(self, seconds: float) -> typing.Optional[Line]:

@@ -27,16 +27,25 @@ PROMPTS = {
     "bash": MARK.join(("+", "${BASH_SOURCE[0]}", "${LINENO}", "${BASH_SUBSHELL#0}", "")),
     "zsh": MARK.join(("+", "%x", "%I", "%N", "")),
 }
-# People type in the shell inside a terminal multiplexer, and their files start one only outside.
+# Files that put a terminal multiplexer in the place of the shell do so only outside of one. Inside is the shell that people type in.
 INSIDE = {"TMUX": "/dev/null,0,0", "STY": "0.none", "ZELLIJ": "0"}
 EVAL = "(eval)"  # whose lines zsh counts from the line of the command `eval` on
 SETTERS = ("export", "declare", "typeset", "readonly")
 
 
 def ask(shell, options, home, names, seconds):
+    """Return the answer of a shell; see ask_once. A shell that ends without one is asked again, inside a terminal multiplexer."""
+    deadline = time.monotonic() + seconds
+    found = ask_once(shell, options, home, names, deadline, {})
+    if found is None and time.monotonic() < deadline:
+        found = ask_once(shell, options, home, names, deadline, INSIDE)
+    return found
+
+
+def ask_once(shell, options, home, names, deadline, more):
     """Return (values, places): the variables that the shell exports, and (file, line, text) of the line that has set each last; None without an answer."""
     (out, answer), (trace, traced) = os.pipe(), os.pipe()
-    variables = dict(os.environ, HOME=home, SHELL=shell, TERM="dumb", HISTFILE="/dev/null", **INSIDE)
+    variables = dict(os.environ, HOME=home, SHELL=shell, TERM="dumb", HISTFILE="/dev/null", **more)
     kind, nothing = os.path.basename(shell), subprocess.DEVNULL
     if kind in PROMPTS:
         variables.update(PS4=PROMPTS[kind], BASH_XTRACEFD=str(traced))
@@ -58,7 +67,7 @@ def ask(shell, options, home, names, seconds):
         os.close(answer)
         os.close(traced)
     places = VariablePlaces(names, home)
-    output = read_both(out, trace, places, time.monotonic() + seconds)
+    output = read_both(out, trace, places, deadline)
     end_all(process)
     if not output.endswith(b"\0"):
         return None

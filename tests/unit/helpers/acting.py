@@ -11,4 +11,4 @@ def act(action, task_vars):
     try:
         return action.run(task_vars=task_vars)
     except PlainFailure as failure:
-        return dict(failure.result_contribution)
+        return {**failure.result, "failed": True, "msg": failure.message}

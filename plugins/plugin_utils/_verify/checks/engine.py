@@ -148,7 +148,7 @@ class Verification:
         self.ways, self.run = self.state.ways, self.state.run
         self.tried = choose_pairs(
             {member.name: str(member.network) for member in fleet.members},
-            [name for name, plan in fleet.computers.items() if not plan.sealed],
+            [name for name, plan in fleet.computers.items() if name in self.run and not plan.sealed],
             pairs,
         )
 

@@ -8,10 +8,11 @@ network share the way to another network. So a large fleet is sampled by a rule 
 
 * on its own network, a computer tries the next two in the order of the inventory, as on a ring;
 * on every other network it tries one computer, and its neighbours try others;
-* if there are more than thirty other networks, the computers of one network share them: each takes every second, every third...
+* if there are more than thirty other networks, each computer of a network tries only a part of them: two of its computers
+  each every second network, three each every third.
 
-So every way between networks is tried in both directions, and the pairs grow with the computers. Every computer tries two
-others at least, and two others at least try it, if there are so many.
+So every way between networks is tried in both directions. Every computer tries two others at least, and two others at least
+try it, if there are so many. The pairs grow with the computers as long as a network has a computer for each thirty others.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 AUTO, ALL = "auto", "all"
 ALL_UP_TO = 30  # computers: so many are tried in all pairs
 AT_LEAST = 2  # times that each computer is looked at
-NETWORKS = 30  # other networks that one computer tries, if its neighbours try the rest
+NETWORKS = 30  # other networks that one computer tries, if its network has enough computers for the rest
 STREAMS = 300.0  # seconds of all streams that measure throughput
 SHORTEST, LONGEST = 0.1, 2.0  # seconds of one
 START = 3.0  # seconds until a computer begins with its streams, if it is slow
@@ -34,7 +35,7 @@ def choose_pairs(networks: Mapping[str, str], observers: Iterable[str], pairs: s
     """Choose the targets of each observer.
 
     `networks` has the network of each computer, in the order of the inventory. An observer without a network (a router)
-    tries one computer of each network. `pairs` is `auto` or `all`.
+    tries one computer of each network. `observers` are the computers of a run that look. `pairs` is `auto` or `all`.
     """
     names = list(observers)
     if pairs == ALL or len(networks) <= ALL_UP_TO:
@@ -50,19 +51,17 @@ def choose_pairs(networks: Mapping[str, str], observers: Iterable[str], pairs: s
 
 
 def _targets(name: str, own: str, sharing: Sequence[str], rings: Mapping[str, Sequence[str]]) -> set[str]:
-    """Return the next two on the own ring, and the share of one computer in the other rings; neighbours get different ones.
+    """Return the next two on the own ring, and one of each other ring that is this computer's; neighbours get different ones.
 
     `sharing` has the computers of the ring that look at others, this one among them.
     """
     ring = rings.get(own, ())
     others = [other for key, other in rings.items() if key != own]
-    share = min(len(sharing), -(-len(others) // NETWORKS))  # each takes every so many
+    share = max(1, min(len(sharing), -(-len(others) // NETWORKS)))  # each takes every so many
     place = sharing.index(name)
-    start = place + list(rings).index(own) if own else 0
+    start = place // share + (list(rings).index(own) if own else 0)  # those that take the same ring differ in it by one
     theirs = {
-        other[(start + number // share) % len(other)]
-        for number, other in enumerate(others)
-        if (number + place) % share == 0
+        other[(start + number) % len(other)] for number, other in enumerate(others) if (number + place) % share == 0
     }
     on_ring = ring.index(name) if ring else 0
     neighbours = {ring[(on_ring + step) % len(ring)] for step in range(1, AT_LEAST + 1) if ring}
@@ -89,14 +88,16 @@ def _add_rare_targets(chosen: dict[str, set[str]], computers: Sequence[str]) -> 
 def streams(chosen: Targets, order: Sequence[str], seconds: float) -> dict[str, list[str]]:
     """Choose the targets of each observer's streams. One stream is sent at a time, so their time together has a limit.
 
-    Beyond it each observer takes every second or third of its targets, and the next observer takes others.
+    Beyond it each observer takes some of its targets, those that have got the fewest streams until then.
     """
     most = max(1, int(STREAMS / (seconds * max(1, len(chosen)))))
-    targets_of = {name: [target for target in order if target in targets] for name, targets in chosen.items()}
-    steps = {name: max(1, -(-len(targets) // most)) for name, targets in targets_of.items()}
-    return {
-        name: targets[place % steps[name] :: steps[name]] for place, (name, targets) in enumerate(targets_of.items())
-    }
+    got: Counter[str] = Counter()
+    found = {}
+    for name, targets in chosen.items():
+        few = set(sorted((target for target in order if target in targets), key=got.__getitem__)[:most])
+        got.update(few)
+        found[name] = [target for target in order if target in few]
+    return found
 
 
 def number(chosen: Targets) -> int:

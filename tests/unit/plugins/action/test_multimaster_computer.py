@@ -4,6 +4,7 @@
 """The two runs of a computer's concerns, and what is made of their answers."""
 
 import pytest
+from acting import act
 from ansible.errors import AnsibleConnectionFailure
 from ansible.playbook.task import Task
 from ansible_collections.rosfleet.multimaster.plugins.action import multimaster_computer
@@ -53,7 +54,7 @@ def play(monkeypatch):
 
         action = multimaster_computer.ActionModule(task, connection, None, None, None, None)
         action._execute_module = execute
-        return action.run(task_vars={}), runs, connection
+        return act(action, {}), runs, connection
 
     return play
 

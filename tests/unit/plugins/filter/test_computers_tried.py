@@ -38,3 +38,8 @@ def test_one_call_has_what_each_computer_tries(pairs):
 def test_another_word_is_refused():
     with pytest.raises(AnsibleFilterError, match="verify_pairs is 'some', expected auto or all"):
         computers_tried(fleet(4), "pc1", "some")
+
+
+def test_only_computers_of_the_run_try_others():
+    hosts = ["pc0", "pc5", "router", "of another play"]
+    assert list(computers_tried(fleet(40), hosts=hosts)) == ["pc0", "pc5", "router"]

@@ -71,17 +71,21 @@ def test_a_visitor_that_is_held_up_comes_again(path, monkeypatch, late):
 
     monkeypatch.setattr(background, "REQUEST", 0.05)
     admitted = []
+
+    def serve(door):
+        while not admitted or admitted[-1] is None:
+            admitted.append(background.admit(door))
+
     with background.open_door(path) as door:
-        thread = threading.Thread(target=lambda: admitted.extend(background.admit(door) for _time in range(late + 1)))
+        thread = threading.Thread(target=serve, args=(door,))
         thread.start()
         monkeypatch.setattr(background.socket, "socket", LateSocket)
         if late == background.VISITS:
             with pytest.raises(BrokenPipeError):
                 background.Visit(path, {"do": "tell"})
-            LateSocket.left = 0
         background.Visit(path, {"do": "tell"})
         thread.join(5)
-    assert admitted[:-1] == [None] * late and admitted[-1][1] == {"do": "tell"}
+    assert len(admitted) > late and admitted[-1][1] == {"do": "tell"}
 
 
 def test_a_door_that_is_in_use_is_an_error(path, monkeypatch):

@@ -10,6 +10,7 @@ import time
 
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace import listener
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.trace.capture import Capture, Tag
+from visiting import leave_silently
 
 FLOOD, ANSWER = (
     Capture("eth0", False, "request", protocol, "10.0.0.1", "10.0.0.2", 0, 0, 3, 0, 64, 28, True, "", "")
@@ -35,6 +36,7 @@ def test_a_flood_of_arp_hides_no_answer(monkeypatch, tmp_path):
     thread.start()
     while waiting:
         time.sleep(0.01)
+    leave_silently(path)
     with socket.socket(socket.AF_UNIX) as visitor:
         visitor.connect(str(path))
         visitor.sendall(b"{}\n")

@@ -10,6 +10,7 @@ import threading
 import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base.background import Visit, open_door
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._probe.watch import process
+from visiting import leave_silently
 
 PARAMS = {"group": "226.0.0.0", "port": 11511, "addresses": [], "masters": []}
 LOST = [{"kind": "readings", "name": "readings"}]
@@ -86,6 +87,7 @@ def test_a_first_look_that_fails_is_a_loss(serve):
         raise ValueError
 
     with serve(read) as (path, _thread):
+        leave_silently(path)
         told = collect(path)
         assert told["lost"] == LOST and told["events"][0]["found"] == "ValueError"
 

@@ -73,11 +73,37 @@ def test_proofs_grow_with_computers_and_not_with_pairs():
     assert found == {25: 24 + 2, 50: 24.5 + 2, 100: 24.75 + 2}  # each tries
 
 
-def test_computers_that_share_the_networks_look_at_each_computer_of_them():
-    networks = of_rings([4] * 100)
+def test_pairs_of_many_small_networks_grow_with_the_networks():
+    networks = of_rings([2] * 100)
+    assert pairs.number(pairs.choose_pairs(networks, networks)) == 100 * 99 + 200
+
+
+@pytest.mark.parametrize(
+    "sizes, least, most",
+    [([4] * 100, 20, 34), ([4, 2] * 40, 15, 90), ([8] * 60 + [4] * 60, 15, 80), ([4, 2, 1] * 30, 15, 110)],
+    ids=["equal", "by turns", "large first", "with single ones"],
+)
+def test_each_computer_of_a_network_is_looked_at_about_as_often(sizes, least, most):
+    networks = of_rings(sizes)
     chosen = pairs.choose_pairs(networks, networks)
     looked_at = Counter(target for targets in chosen.values() for target in targets)
-    assert 20 <= min(looked_at.values()) and max(looked_at.values()) <= 34
+    assert least <= min(looked_at.values()) and max(looked_at.values()) <= most
+
+
+def test_computers_of_one_network_that_share_others_take_different_targets_there():
+    networks = of_rings([8] * 60 + [4] * 60)
+    chosen = pairs.choose_pairs(networks, networks)
+    from_network = Counter((networks[name], target) for name, targets in chosen.items() for target in targets)
+    assert all(count == 1 for (network, target), count in from_network.items() if networks[target] != network)
+
+
+def test_computers_that_are_not_in_the_run_leave_no_way_out():
+    networks = of_rings([4] * 100)
+    present = [name for name in networks if not name.endswith(("c0", "c2"))]
+    chosen = pairs.choose_pairs(networks, present)
+    for network in set(networks.values()):
+        tried = {networks[target] for name in present if networks[name] == network for target in chosen[name]}
+        assert tried == set(networks.values())
 
 
 @pytest.mark.slow
@@ -142,4 +168,4 @@ def test_streams_together_have_a_limit_and_each_computer_sends(sizes, seconds):
 def test_whom_one_computer_leaves_out_the_next_one_takes():
     networks = of_rings([4] * 100)
     found = pairs.streams(pairs.choose_pairs(networks, networks), list(networks), 0.5)
-    assert pairs.number(found) == 400 and len({target for to in found.values() for target in to}) > 300
+    assert pairs.number(found) == 400 and len({target for to in found.values() for target in to}) > 390
