@@ -43,10 +43,3 @@ def test_another_least_is_a_sentence(wrong):
 def test_only_computers_of_the_run_send():
     names = [member["name"] for member in FLEET["members"]]
     assert list(throughput_streams(FLEET, 0.5, hosts=names[:1])["to"]) == names[:1]
-
-
-def test_a_sealed_computer_neither_sends_nor_receives():
-    names = [member["name"] for member in FLEET["members"]]
-    fleet = {**FLEET, "computers": {**FLEET["computers"], names[0]: {"sealed": True}}}
-    found = throughput_streams(fleet, 0.5)["to"]
-    assert names[0] not in found and all(names[0] not in to for to in found.values())
