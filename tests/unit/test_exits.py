@@ -18,6 +18,7 @@ import pytest
 from ansible_collections.rosfleet.multimaster.plugins.module_utils._base import ends
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.plain_text import plain_data, plain_lines
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._base.sentences import number_problems
+from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import refusal
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.checks.engine import FAILED, Row
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.components.component import Component
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._verify.diagnose.diagnosis import (
@@ -65,7 +66,7 @@ DOORS = {
             "action/fleet_watch.py",
             "plugin_utils/_robot_io/refusal.py",
         },
-        "warning": set(),
+        "warning": {"plugin_utils/_robot_io/refusal.py"},
     },
     NODES: {
         "print": set(),
@@ -196,6 +197,15 @@ def through_the_report(text):
     ]
 
 
+def through_a_refusal(text):
+    """The warnings and the problems that it prints."""
+    with patch.object(refusal, "Display") as display, patch.object(refusal, "__version__", "2.19.0"):
+        with pytest.raises(refusal.PlainFailure):
+            refusal.refuse([text, text], warnings=[text])
+        printed = [call.args[0] for call in (display().warning.call_args, display().display.call_args)]
+    return [line for one in printed for line in one.split("\n")]
+
+
 def through_preflight(text):
     return number_problems([f"robot1: found {text}", text]).split("\n")
 
@@ -265,6 +275,7 @@ EXITS = [
     through_a_module,
     through_a_difference,
     through_the_report,
+    through_a_refusal,
     through_preflight,
     through_the_log,
     through_print,

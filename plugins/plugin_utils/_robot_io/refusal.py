@@ -16,6 +16,7 @@ from ansible.plugins.action import ActionBase
 from ansible.release import __version__
 from ansible.utils.display import Display
 
+from .._base.plain_text import LINE, plain
 from .._base.sentences import number_problems
 
 SHOWS_ORIGINS = (2, 19)  # since then Ansible prints of a failed task also the place of its lines
@@ -64,7 +65,7 @@ def fail_plainly(message: str, **values: Any) -> dict[str, Any]:
     """Return the result of a task that fails as it is meant to; with ansible-core 2.19 and later, raise PlainFailure for it."""
     if _read_version(__version__) >= SHOWS_ORIGINS:
         for warning in values.get("warnings", ()):  # Ansible leaves those of an exception out
-            Display().warning(warning)
+            Display().warning(plain(warning, LINE))
         raise PlainFailure(message, result={"changed": False, **values})
     return {"changed": False, **values, "failed": True, "msg": message}
 
