@@ -26,17 +26,22 @@ Row = typing.Dict[str, typing.Any]
 
 
 def masters(wanted: typing.List[Row], proc: str = "/proc") -> typing.List[Row]:
-    """Describe each roscore on the TCP ports of `wanted`; a port on which something else answers is left out."""
-    holders: typing.Dict[int, Row] = {}
-    for entry in ports.holders([entry for entry in wanted if entry["protocol"] == "tcp"], proc):
-        holders.setdefault(entry["port"], entry)
-    places = [holders[port] for port in sorted(holders)]
-    rows = call_all(_master, places, PATIENCE, lambda place: _entry(place, f"no answer within {PATIENCE:g} s"))
-    return [entry for entry in rows if entry is not None]
+    """Describe the roscore on each TCP port of `wanted`; a port on which only something else answers is left out.
+
+    Several programs may listen on one port, each at another address.
+    """
+    places = ports.holders([entry for entry in wanted if entry["protocol"] == "tcp"], proc)
+    late = f"no answer within {PATIENCE:g} s"
+    rows = call_all(lambda place: _master(place, proc), places, PATIENCE, lambda place: _entry(place, late))
+    found: typing.Dict[int, Row] = {}
+    for entry in filter(None, rows):
+        if entry["port"] not in found or (found[entry["port"]]["error"] and not entry["error"]):
+            found[entry["port"]] = entry
+    return [found[port] for port in sorted(found)]
 
 
-def _master(place: Row) -> typing.Optional[Row]:
-    """Describe the roscore at a place; None if something else answers there."""
+def _master(place: Row, proc: str) -> typing.Optional[Row]:
+    """Describe the roscore at a place; None if something else answers there, or its program has ended meanwhile."""
     roscore = _uri_at(place)
     entry = _entry(place, "")
     try:
@@ -48,6 +53,8 @@ def _master(place: Row) -> typing.Optional[Row]:
     except Strange:
         return None
     except OSError as problem:
+        if not _is_there(place, proc):
+            return None
         return dict(entry, error=plain(explain_error(problem)))
     nodes = {node for table in tables for users in table.values() for node in users}
     entry.update(nodes=len(nodes), topics=len({*publishers, *subscribers}), services=len(services))
@@ -59,6 +66,14 @@ def _master(place: Row) -> typing.Optional[Row]:
     entry["discovery"] = [_discovery(roscore, entry["uri"], *pair) for pair in own[0]]
     entry["sync"] = [_sync(roscore, *pair) for pair in own[1]]
     return entry
+
+
+def _is_there(place: Row, proc: str) -> bool:
+    """Return True if a program still listens at a place."""
+    return any(
+        (one.port, one.address, one.state) == (place["port"], place["address"], ports.LISTEN)
+        for one in ports.read_sockets("tcp", proc)
+    )
 
 
 def _entry(place: Row, error: str) -> Row:

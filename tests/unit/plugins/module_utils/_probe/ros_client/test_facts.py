@@ -46,8 +46,8 @@ class Bundled:
 
 
 @contextlib.contextmanager
-def served(instance):
-    server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False, allow_none=True)
+def served(instance, place=("127.0.0.1", 0)):
+    server = xmlrpc.server.SimpleXMLRPCServer(place, logRequests=False, allow_none=True)
     server.register_instance(instance)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()
@@ -158,6 +158,30 @@ def test_something_else_than_a_roscore_is_left_out():
         assert seen(server.server_address[1], other, evil, 1) == []
     server.shutdown()
     server.server_close()
+
+
+@pytest.mark.parametrize("addresses", [("127.0.0.1", "127.0.0.77"), ("127.0.0.77", "127.0.0.1")], ids=str)
+def test_a_roscore_is_found_beside_another_program_on_its_port(addresses):
+    with served(Roscore(), (addresses[0], 0)) as port, served(Bundled(), (addresses[1], port)):
+        (found,) = seen(port)
+    assert (found["pid"], found["error"]) == (4711, "")
+
+
+def test_a_program_that_has_ended_meanwhile_is_left_out(monkeypatch):
+    with served(Roscore()) as port:
+        here = facts.ports.holders([{"protocol": "tcp", "port": port}])
+    monkeypatch.setattr(facts.ports, "holders", lambda wanted, proc: here)
+    assert len(here) == 1 and seen(port) == []
+
+
+def test_a_roscore_that_refuses_and_still_listens_is_told(monkeypatch):
+    def refuse(*words):
+        raise OSError("Connection refused")
+
+    monkeypatch.setattr(facts, "ask", refuse)
+    with served(Roscore()) as port:
+        (found,) = seen(port)
+    assert "refused" in found["error"]
 
 
 def test_a_roscore_that_hangs_has_an_entry(monkeypatch):
