@@ -80,7 +80,8 @@ def computers_tried(
     networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
     observers = [name for name, plan in fleet["computers"].items() if not plan.get("sealed")]
     if hosts is not None:
-        observers = [name for name in observers if name in set(hosts)]
+        run = set(hosts)
+        observers = [name for name in observers if name in run]
     chosen = choose_pairs(networks, observers, pairs)
     wanted = observers if observer is None else [observer]
     tried = {name: [target for target in networks if target in chosen[name]] for name in wanted}

@@ -81,7 +81,8 @@ def throughput_streams(
         return {"to": {}, "seconds": 0}
     networks = {member["name"]: str(member["network"]) for member in fleet["members"]}
     open_ones = [name for name in networks if not fleet["computers"][name].get("sealed")]
-    senders = [name for name in open_ones if hosts is None or name in set(hosts)]
+    run = set(open_ones if hosts is None else hosts)
+    senders = [name for name in open_ones if name in run]
     to = tried.streams(tried.choose_pairs(networks, senders, pairs), open_ones, length)
     return {"to": to, "seconds": math.ceil(tried.number(to) * length + len(to) * tried.START)}
 

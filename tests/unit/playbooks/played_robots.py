@@ -51,6 +51,23 @@ def set_ansible(folder):
     }
 
 
+def run_tasks(folder, *tasks):
+    """Run tasks on this computer by ansible-playbook itself; the exit status, and all that it prints."""
+    play = {"hosts": "localhost", "gather_facts": False, "connection": "local", "tasks": list(tasks)}
+    (folder / "play.yml").write_text(json.dumps([play]))  # JSON is YAML
+    done = subprocess.run(
+        [pathlib.Path(sys.executable).with_name("ansible-playbook"), "-i", "localhost,", folder / "play.yml"],
+        cwd=folder,
+        env=set_ansible(folder),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    return done.returncode, done.stdout
+
+
 class Played:
     """A playbook that has run against robots: `status`, `output`, `text` (one line), and `ran`, by host: "module: options" of each run."""
 

@@ -3,14 +3,9 @@
 
 """The action fleet_verdict: a run that fails, by ansible-playbook itself, ends in our words, and not as a mistake in a playbook."""
 
-import pathlib
-import subprocess
-import sys
-
 import pytest
-import yaml
 
-from tests.unit.playbooks.played_robots import set_ansible
+from tests.unit.playbooks.played_robots import run_tasks
 
 WORDS = "FAILED: 2 of 116 checks failed; the list has 1 finding, 1 warning."
 
@@ -20,19 +15,7 @@ pytestmark = pytest.mark.whole
 def played(tmp_path, **options):
     """Run a play with the action; return its exit status and its lines."""
     task = {"name": "Give the result", "rosfleet.multimaster.fleet_verdict": options}
-    play = {"hosts": "localhost", "gather_facts": False, "connection": "local", "tasks": [task]}
-    (tmp_path / "play.yml").write_text(yaml.safe_dump([play]))
-    done = subprocess.run(
-        [pathlib.Path(sys.executable).with_name("ansible-playbook"), "-i", "localhost,", tmp_path / "play.yml"],
-        cwd=tmp_path,
-        env=set_ansible(tmp_path),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    return done.returncode, done.stdout
+    return run_tasks(tmp_path, task)
 
 
 def test_the_last_words_of_a_failure_are_ours(tmp_path):

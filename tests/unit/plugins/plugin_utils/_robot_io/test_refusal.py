@@ -3,16 +3,11 @@
 
 """Problems as the result of a task, and as ansible-playbook itself prints them."""
 
-import pathlib
-import subprocess
-import sys
-
 import pytest
-import yaml
 from ansible.utils.display import Display
 from ansible_collections.rosfleet.multimaster.plugins.plugin_utils._robot_io import refusal
 
-from tests.unit.playbooks.played_robots import set_ansible
+from tests.unit.playbooks.played_robots import run_tasks
 
 ACTION = """
 from ansible.plugins.action import ActionBase
@@ -64,24 +59,12 @@ def test_people_read_problems_and_warnings_without_an_origin(tmp_path, problems)
     (tmp_path / "action_plugins" / "refused.py").write_text(ACTION)
     (tmp_path / "library").mkdir()
     (tmp_path / "library" / "refused.py").touch()
-    tasks = [
+    status, output = run_tasks(
+        tmp_path,
         {"name": "Refuse", "refused": {"problems": problems}, "register": "told", "ignore_errors": True},
         {"name": "Look", "ansible.builtin.assert": {"that": TOLD}, "vars": {"problems": problems}},
-    ]
-    play = {"hosts": "localhost", "gather_facts": False, "connection": "local", "tasks": tasks}
-    (tmp_path / "play.yml").write_text(yaml.safe_dump([play]))
-    done = subprocess.run(
-        [pathlib.Path(sys.executable).with_name("ansible-playbook"), "-i", "localhost,", tmp_path / "play.yml"],
-        cwd=tmp_path,
-        env=set_ansible(tmp_path),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=300,
-        check=False,
     )
-    output = done.stdout
-    assert done.returncode == 0, output
+    assert status == 0, output
     assert all(text in output for text in problems), output
     assert "[WARNING]: the clock is late" in output and "FAILED! =>" in output
     numbered = [f"{place}. {text}" for place, text in enumerate(problems, 1)] if len(problems) > 1 else []
